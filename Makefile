@@ -1,0 +1,43 @@
+# `make demo` and `make test` do everything on a machine with git, make and Python 3.11.
+PYTHON ?= python3.11
+VENV := .venv
+BIN := $(VENV)/bin
+
+.PHONY: env demo test lint types contracts unit wheel schemas clean
+
+env: $(VENV)/.up-to-date
+
+$(VENV)/.up-to-date: pyproject.toml
+	@command -v $(PYTHON) >/dev/null || { echo "viewsep needs Python 3.11 (pybullet has no wheels for newer ones): install it or set PYTHON=..."; exit 2; }
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --upgrade pip
+	$(BIN)/python -m pip install --quiet --editable '.[dev]'
+	@touch $@
+
+demo: env
+	$(BIN)/viewsep demo
+
+test: lint types contracts unit wheel
+
+lint: env
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+
+types: env
+	$(BIN)/mypy
+
+contracts: env
+	$(BIN)/lint-imports
+
+unit: env
+	$(BIN)/python -m pytest
+
+wheel: env
+	$(BIN)/python tests/wheel_install.py
+
+# Regenerates recordings/schemas/*_pb2.py after a .proto file was changed.
+schemas: env
+	$(BIN)/python -m grpc_tools.protoc -Irecordings/schemas --python_out=recordings/schemas --pyi_out=recordings/schemas recordings/schemas/viewsep.proto
+
+clean:
+	rm -rf $(VENV) build *.egg-info demo .mypy_cache .ruff_cache .pytest_cache .import_linter_cache

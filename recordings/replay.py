@@ -1,0 +1,189 @@
+"""Feeding a recording's events to the real engine again and comparing what comes out."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from viewsep.assembly import make_engine
+from viewsep.config import Config, geometry_of, parse_config
+from viewsep.engine.state import EngineState
+from viewsep.errors import BadConfig, BadRecording, ReplayMismatch
+from viewsep.geometry import angle_between
+from viewsep.messages import Command, Estimate, Event, FloatArray, Frame, JointState, Percept, PerceptReceived, Result
+from viewsep.models import library
+from viewsep.models.aspect_graph import AspectGraph
+from viewsep.perception import perceive
+from viewsep.plugins import make_descriptor
+from viewsep.recordings.build import this_build
+from viewsep.recordings.codec import SCHEMAS, RecordedFrame, encode, to_bytes
+from viewsep.recordings.difference import first_difference
+from viewsep.recordings.reader import Recorded, Recording
+
+FLOAT_TOLERANCE = 1e-6  # relative, between processors or numpy builds
+FEATURE_TOLERANCE = 0.85  # similarity of a percept from the JPEG to the recorded one
+DIRECTION_TOLERANCE_RAD = 1e-9
+Output = Estimate | Command | Result
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Replayed:
+    """One event, the engine's state after it and what the engine put out."""
+
+    event: Event
+    state: EngineState
+    outputs: tuple[Output, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Verification:
+    """What a replay confirmed. `exact` is False when floats differed within FLOAT_TOLERANCE on another build."""
+
+    events: int
+    outputs: int
+    exact: bool
+
+
+@dataclass(frozen=True, slots=True)
+class FrameCheck:
+    """Percepts recomputed from the recorded pictures: how many, and the least similarity to the recorded features."""
+
+    percepts: int
+    similarity_min: float
+    similarity_median: float
+
+
+def restore(recording: Recording) -> tuple[Config, list[AspectGraph]]:
+    """Configuration and models from a recording. Raises BadRecording when they are not what the recording says."""
+    try:
+        config = parse_config(json.loads(recording.metadata["config"]["json"]), "the recorded configuration")
+        digests = recording.metadata["models"]
+        models = [
+            library.from_bytes(recording.attachments[f"{name}{library.SUFFIX}"], f"attachment {name}{library.SUFFIX}")
+            for name in json.loads(recording.metadata["task"]["candidates"])
+        ]
+    except KeyError as error:
+        raise BadRecording(f"the recording lacks {error}: it was not made by `viewsep separate --record`") from error
+    except (BadConfig, ValueError) as error:
+        raise BadRecording(f"the recording's configuration cannot be used by this viewsep: {error}") from error
+    for model in models:
+        if digests.get(model.name) != model.digest:
+            raise BadRecording(
+                f"the recording was made with model {model.name} {digests.get(model.name, 'absent')[:12]}, "
+                f"but holds {model.digest[:12]}: the file was put together from different runs"
+            )
+    return config, models
+
+
+def use_models(recording: Recording, models: Sequence[AspectGraph]) -> None:
+    """Check that models from a library are those the recording was made with. Raises BadRecording."""
+    digests = recording.metadata["models"]
+    for model in models:
+        if digests[model.name] != model.digest:
+            raise BadRecording(
+                f"the recording was made with model {model.name} {digests[model.name][:12]}, but the library has "
+                f"{model.digest[:12]}: replay with the library it was made with, or without --models"
+            )
+
+
+def replay(recording: Recording) -> Iterator[Replayed]:
+    """Run the engine over the recorded events."""
+    config, models = restore(recording)
+    engine = make_engine(config, models)
+    state = engine.start()
+    for recorded in recording.messages:
+        if not isinstance(recorded.message, Event):
+            continue
+        before = state
+        state, commands = engine.step(before, recorded.message)
+        outputs: list[Output] = []
+        if state.estimate is not None and state.estimate is not before.estimate:
+            outputs.append(state.estimate)
+        outputs.extend(commands)
+        if state.result is not None and before.result is None:
+            outputs.append(state.result)
+        yield Replayed(recorded.message, state, tuple(outputs))
+
+
+def verify(recording: Recording) -> Verification:
+    """Replay and compare every estimate, command and result byte for byte. Raises ReplayMismatch at the first difference.
+
+    On another build or processor than the recording's, floats may differ by FLOAT_TOLERANCE; decisions may not.
+    """
+    said = iter([r for r in recording.messages if isinstance(r.message, Output)])
+    same_build = recording.metadata.get("build") == this_build()
+    events = outputs = 0
+    exact = True
+    for step in replay(recording):
+        events += 1
+        for output in step.outputs:
+            outputs += 1
+            recorded = next(said, None)
+            if recorded is None:
+                raise ReplayMismatch(f"the engine put out a further {type(output).__name__}, which the recording lacks")
+            if to_bytes(output) != recorded.raw:
+                exact = False
+                _compare(recorded, output, 0.0 if same_build else FLOAT_TOLERANCE)
+    left = next(said, None)
+    if left is not None:
+        raise ReplayMismatch(f"the recording has {left.topic} at {left.stamp_ns} ns, which the engine did not put out")
+    if events == 0:
+        raise BadRecording("the recording holds no events: nothing to replay")
+    return Verification(events, outputs, exact)
+
+
+def verify_frames(recording: Recording) -> FrameCheck:
+    """Recompute every percept from its recorded picture and read-backs. Raises ReplayMismatch, BadRecording.
+
+    Tolerance: features at least FEATURE_TOLERANCE similar (JPEG loses detail), view directions within
+    DIRECTION_TOLERANCE_RAD.
+    """
+    config, _ = restore(recording)
+    descriptor, geometry = make_descriptor(config.descriptor), geometry_of(config.rig)
+    history = [r.message for r in recording.messages if isinstance(r.message, JointState)]
+    frame: Frame | None = None
+    similarities = []
+    for recorded in recording.messages:
+        if isinstance(recorded.message, RecordedFrame):
+            frame = recorded.message.decode()
+        if not isinstance(recorded.message, PerceptReceived):
+            continue
+        percept = recorded.message.percept
+        if frame is None or frame.stamp_ns != percept.stamp_ns:
+            raise BadRecording(f"the picture of the percept at {percept.stamp_ns} ns is not in the recording")
+        again = perceive(frame, history, geometry, descriptor)
+        similarity = descriptor.similarity(again.feature, percept.feature[None])
+        similarities.append(_compare_percepts(again, percept, similarity))
+    if not similarities:
+        raise BadRecording("the recording holds no percepts: nothing to recompute")
+    return FrameCheck(len(similarities), float(min(similarities)), float(np.median(similarities)))
+
+
+def _compare_percepts(again: Percept, recorded: Percept, similarity: FloatArray) -> float:
+    turned = float(angle_between(again.view_direction, recorded.view_direction))
+    if turned > DIRECTION_TOLERANCE_RAD:
+        raise ReplayMismatch(
+            f"percept at {recorded.stamp_ns} ns: view direction differs by {np.degrees(turned):.2g} deg "
+            f"(tolerance {np.degrees(DIRECTION_TOLERANCE_RAD):.2g})"
+        )
+    if similarity[0] < FEATURE_TOLERANCE:
+        raise ReplayMismatch(
+            f"percept at {recorded.stamp_ns} ns: feature from the picture is only {similarity[0]:.3f} similar to the "
+            f"recorded one (tolerance {FEATURE_TOLERANCE})"
+        )
+    return float(similarity[0])
+
+
+def _compare(recorded: Recorded, output: Output, tolerance: float) -> None:
+    """Raise ReplayMismatch in words where a recorded message and the engine's differ by more than the tolerance."""
+    topic, again = encode(output)
+    if topic != recorded.topic:
+        raise ReplayMismatch(
+            f"at {recorded.stamp_ns} ns the recording has a message on {recorded.topic!r}, the engine put one on {topic!r}"
+        )
+    difference = first_difference(SCHEMAS[topic].FromString(recorded.raw), again, tolerance)
+    if difference:
+        raise ReplayMismatch(f"{topic} at {recorded.stamp_ns} ns: {difference}")

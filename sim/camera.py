@@ -1,0 +1,75 @@
+"""The simulated rig's camera."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from viewsep.errors import NotConnected, Timeout
+from viewsep.messages import Frame
+from viewsep.sim.disturbances import disturbed
+from viewsep.sim.render import MeshRenderer
+from viewsep.sim.world import MEMORY_S, SimWorld
+
+
+class SimCamera:
+    """`CameraSource` that exposes at a fixed rate and renders a frame when somebody reads it.
+
+    Frames carry the moment of exposure and arrive `latency_s` later; dropped ones never do.
+    """
+
+    def __init__(self, world: SimWorld, renderer: MeshRenderer, rate_hz: float = 30.0, seed: int = 0) -> None:
+        self._world = world
+        self._renderer = renderer
+        self._period_ns = round(1e9 / rate_hz)
+        self._seed = seed
+        self._connected = False
+        self._drops = 0
+        self._last = -1
+
+    def connect(self) -> None:
+        """Open the world."""
+        self._world.open()
+        self._connected = True
+
+    def read(self, newer_than_ns: int, timeout_s: float) -> Frame:
+        """The first exposure after `newer_than_ns` that is not lost; waits in simulated time."""
+        if not self._connected:
+            raise NotConnected("the simulated camera is not connected: call connect() first")
+        d, clock = self._world.disturbances, self._world.clock
+        deadline_ns = clock.now_ns() + round(timeout_s * 1e9)
+        oldest_ns = max(newer_than_ns, clock.now_ns() - round(MEMORY_S * 0.9e9), 0)
+        sequence = oldest_ns // self._period_ns + 1
+        while self._rng(sequence, 3).random() < d.drop_rate:
+            sequence += 1
+        stamp_ns = sequence * self._period_ns
+        arrival_ns = stamp_ns + round(d.latency_s * 1e9)
+        if arrival_ns > deadline_ns:
+            clock.sleep_until(deadline_ns)
+            raise Timeout(f"the simulated camera delivered no frame within {timeout_s:g} s")
+        clock.sleep_until(arrival_ns)
+        self._count_drops(sequence)
+        image, mask = self._renderer.render(
+            self._world.geometry.camera_direction, self._world.object_rotation(stamp_ns)
+        )
+        image, mask = disturbed(image, mask, d, self._rng(sequence, 4))
+        return Frame(stamp_ns, sequence, image, mask)
+
+    @property
+    def drops(self) -> int:
+        """Exposures that were lost between the frames read."""
+        return self._drops
+
+    def close(self) -> None:
+        """Leave the world and the renderer."""
+        self._connected = False
+        self._renderer.close()
+
+    def _count_drops(self, sequence: int) -> None:
+        if self._world.disturbances.drop_rate > 0:
+            skipped = range(max(self._last + 1, 1), sequence)
+            self._drops += sum(self._rng(k, 3).random() < self._world.disturbances.drop_rate for k in skipped)
+        self._last = max(self._last, sequence)
+
+    def _rng(self, sequence: int, stream: int) -> np.random.Generator:
+        """Chance that depends on the exposure alone, not on which frames were read before."""
+        return np.random.default_rng([self._seed, stream, sequence])

@@ -1,0 +1,62 @@
+"""What goes wrong on a real rig, seeded and off by default."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from viewsep.messages import Array
+
+
+@dataclass(frozen=True, slots=True)
+class Disturbances:
+    """Strengths; 0 is off.
+
+    `light` relative brightness change per frame (0.3: uniform in ±30 %), `noise` standard deviation as a share of full
+    scale, `blur_px` Gaussian sigma, `mask_error` share of the mask's outline that is wrong (as a share of its area),
+    `backlash_deg` play of every joint, `encoder_noise_deg` standard deviation, `latency_s` from exposure to delivery,
+    `drop_rate` share of frames lost, `slip_deg` one slip of the object in its holder, `slip_after_s` when it slips.
+    """
+
+    light: float = 0.0
+    noise: float = 0.0
+    blur_px: float = 0.0
+    mask_error: float = 0.0
+    backlash_deg: float = 0.0
+    encoder_noise_deg: float = 0.0
+    latency_s: float = 0.0
+    drop_rate: float = 0.0
+    slip_deg: float = 0.0
+    slip_after_s: float = 5.0
+
+
+def disturbed(image: Array, mask: Array, disturbances: Disturbances, rng: np.random.Generator) -> tuple[Array, Array]:
+    """Picture (H, W, 3) uint8 and mask (H, W) bool with light, blur, noise and mask error applied."""
+    d = disturbances
+    if d.mask_error > 0:
+        mask = _wrong_mask(mask, d.mask_error, rng)
+    if d.light == d.noise == d.blur_px == 0:
+        return image, mask
+    picture = image.astype(np.float32) * np.float32(1.0 + rng.uniform(-d.light, d.light))
+    if d.blur_px > 0:
+        picture = cv2.GaussianBlur(picture, (0, 0), d.blur_px)
+    if d.noise > 0:
+        picture = picture + rng.normal(0.0, 255.0 * d.noise, image.shape).astype(np.float32)
+    return np.clip(picture, 0, 255).astype(np.uint8), mask
+
+
+def _wrong_mask(mask: Array, share: float, rng: np.random.Generator) -> Array:
+    """Blobs of the given share of the mask's area added or taken away along its outline."""
+    wrong = mask.copy()
+    outline = np.argwhere(cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_GRADIENT, np.ones((3, 3), np.uint8)) > 0)
+    wanted, done = share * mask.sum(), 0.0
+    while done < wanted and len(outline) > 0:
+        y, x = outline[rng.integers(len(outline))]
+        radius = int(rng.integers(2, max(3, len(mask) // 16)))
+        blob = np.zeros(mask.shape, np.uint8)
+        cv2.circle(blob, (int(x), int(y)), radius, 1, -1)
+        wrong[blob > 0] = rng.random() < 0.5
+        done += np.pi * radius**2 / 2
+    return wrong if wrong.any() else mask

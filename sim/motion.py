@@ -1,0 +1,102 @@
+"""The simulated rig's motion backend."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from viewsep.errors import MoveRefused, NotConnected
+from viewsep.interfaces import JointLimits
+from viewsep.messages import JointState
+from viewsep.sim.world import STEP_NS, SimWorld
+
+READ_EVERY = 4  # physics steps between two encoder readings: 62.5 Hz
+ENCODER_STEP_RAD = 2.0 * np.pi / 4096
+MOVING_RAD = np.radians(0.02)  # change from one reading to the next
+
+
+class SimMotion:
+    """`MotionBackend` on a SimWorld. The encoder sees the motor, not the load behind the play, and has steps."""
+
+    def __init__(self, world: SimWorld, seed: int = 0) -> None:
+        self._world = world
+        self._seed = seed
+        self._connected = False
+
+    def connect(self) -> None:
+        """Open the world."""
+        self._world.open()
+        self._connected = True
+
+    def limits(self) -> tuple[JointLimits, ...]:
+        """The rig's limits."""
+        return self._world.geometry.limits
+
+    def move_to(self, position_rad: Sequence[float]) -> tuple[float, ...]:
+        """Start moving; set-points are rounded to the encoder's steps."""
+        self._check()
+        limits = self.limits()
+        if len(position_rad) != len(limits):
+            raise MoveRefused(f"the rig has {len(limits)} joints, but {len(position_rad)} set-points were given")
+        commanded = []
+        for q, limit in zip(position_rad, limits, strict=True):
+            if not limit.lower_rad - 1e-6 <= q <= limit.upper_rad + 1e-6:
+                raise MoveRefused(
+                    f"joint {limit.name!r}: set-point {np.degrees(q):.2f} deg is outside "
+                    f"[{np.degrees(limit.lower_rad):g}, {np.degrees(limit.upper_rad):g}] deg"
+                )
+            commanded.append(round(q / ENCODER_STEP_RAD) * ENCODER_STEP_RAD)
+        self._world.drive(commanded)
+        return tuple(commanded)
+
+    def read_state(self) -> JointState:
+        """The newest encoder reading."""
+        self._check()
+        return self._readings(self._world.clock.now_ns())[-1]
+
+    def history(self, since_ns: int) -> tuple[JointState, ...]:
+        """Encoder readings from the last one at or before `since_ns` on."""
+        self._check()
+        return self._readings(since_ns)
+
+    def stop(self) -> None:
+        """Hold where the joints are."""
+        self._check()
+        self._world.drive(self._world.moments[-1].motor_rad)
+
+    def fault(self) -> str:
+        """The simulation has none."""
+        return ""
+
+    def close(self) -> None:
+        """Leave the world."""
+        self._connected = False
+        self._world.close()
+
+    def _check(self) -> None:
+        if not self._connected:
+            raise NotConnected("the simulated motion is not connected: call connect() first")
+
+    def _readings(self, since_ns: int) -> tuple[JointState, ...]:
+        """Readings are a function of the physics' memory and the seed, so asking twice gives the same answer."""
+        moments = self._world.moments
+        period_ns = READ_EVERY * STEP_NS
+        chosen = []
+        for index in range(len(moments) - 1, -1, -1):
+            moment = moments[index]
+            if moment.stamp_ns % period_ns == 0 or index == 0:
+                before = moments[max(0, index - READ_EVERY)]
+                moved = max(abs(a - b) for a, b in zip(moment.motor_rad, before.motor_rad, strict=True))
+                chosen.append(self._reading(moment.stamp_ns, moment.motor_rad, bool(moved > MOVING_RAD)))
+                if moment.stamp_ns <= since_ns:
+                    break
+        return tuple(reversed(chosen))
+
+    def _reading(self, stamp_ns: int, motor_rad: tuple[float, ...], moving: bool) -> JointState:
+        sigma = float(np.radians(self._world.disturbances.encoder_noise_deg))
+        angles = np.array(motor_rad)
+        if sigma > 0:
+            angles = angles + np.random.default_rng([self._seed, 2, stamp_ns]).normal(0.0, sigma, len(angles))
+        angles = np.round(angles / ENCODER_STEP_RAD) * ENCODER_STEP_RAD
+        return JointState(stamp_ns, tuple(angles.tolist()), self._world.setpoint_rad, moving)

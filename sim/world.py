@@ -1,0 +1,133 @@
+"""The simulated rig's physics: position-controlled joints in pybullet, stepped by the simulated clock."""
+
+from __future__ import annotations
+
+import tempfile
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from viewsep.geometry import axis_rotation, random_rotation, unit
+from viewsep.kinematics import RigGeometry
+from viewsep.messages import FloatArray
+from viewsep.sim.clock import SimClock
+from viewsep.sim.disturbances import Disturbances
+from viewsep.sim.physics import load_pybullet
+from viewsep.sim.urdf import EFFORT_NM, rig_urdf
+
+STEP_NS = 4_000_000  # 250 Hz
+POSITION_GAIN = 0.2
+MEMORY_S = 20.0
+
+
+@dataclass(frozen=True, slots=True)
+class Moment:
+    """The truth after one physics step: motor angles (before the play of the joints) and load angles (after it)."""
+
+    stamp_ns: int
+    motor_rad: tuple[float, ...]
+    load_rad: tuple[float, ...]
+
+
+class SimWorld:
+    """Joints from the rig's URDF, the object in the last link with an unknown grasp, and a memory of the last seconds.
+
+    `grasp` (3, 3) is the true rotation R, object -> control; drawn from the seed unless given. Steps lie on a fixed
+    grid of simulated time, so the course of events does not depend on how the clock is read.
+    """
+
+    def __init__(
+        self,
+        geometry: RigGeometry,
+        clock: SimClock,
+        seed: int,
+        disturbances: Disturbances,
+        grasp: FloatArray | None = None,
+    ) -> None:
+        self.geometry = geometry
+        self.clock = clock
+        self.disturbances = disturbances
+        rng = np.random.default_rng([seed, 1])
+        self.grasp = random_rotation(rng) if grasp is None else grasp
+        self._slip_axis = unit(rng.normal(size=3))
+        self._bullet = load_pybullet()
+        self._client = -1
+        self.moments: deque[Moment] = deque(maxlen=round(MEMORY_S * 1e9 / STEP_NS))
+
+    def open(self) -> None:
+        """Create the physics world; joints start at zero, or at the limit nearest to it."""
+        if self._client >= 0:
+            return
+        bullet = self._bullet
+        self._client = bullet.connect(bullet.DIRECT)
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / "rig.urdf"
+            path.write_text(rig_urdf(self.geometry), encoding="utf-8")
+            self._rig = bullet.loadURDF(
+                str(path), useFixedBase=True, flags=bullet.URDF_USE_INERTIA_FROM_FILE, physicsClientId=self._client
+            )
+        bullet.setTimeStep(STEP_NS * 1e-9, physicsClientId=self._client)
+        home = [min(max(0.0, limit.lower_rad), limit.upper_rad) for limit in self.geometry.limits]
+        for joint, angle in enumerate(home):
+            bullet.resetJointState(self._rig, joint, angle, physicsClientId=self._client)
+        now = self.clock.now_ns()
+        self._next_step_ns = (now // STEP_NS + 1) * STEP_NS
+        self.moments.append(Moment(now, tuple(home), tuple(home)))
+        self.drive(home)
+        self.clock.on_advance = self._advance
+
+    def drive(self, setpoint_rad: Sequence[float]) -> None:
+        """Give every joint's position controller a set-point."""
+        self.setpoint_rad = tuple(float(q) for q in setpoint_rad)
+        for joint, (angle, limit) in enumerate(zip(self.setpoint_rad, self.geometry.limits, strict=True)):
+            self._bullet.setJointMotorControl2(
+                self._rig,
+                joint,
+                self._bullet.POSITION_CONTROL,
+                targetPosition=angle,
+                positionGain=POSITION_GAIN,
+                maxVelocity=limit.max_speed_rad_s,
+                force=EFFORT_NM,
+                physicsClientId=self._client,
+            )
+
+    def load_at(self, stamp_ns: int) -> FloatArray:
+        """True load angles (n,) at a moment in memory, interpolated."""
+        stamps = np.array([moment.stamp_ns for moment in self.moments])
+        loads = np.array([moment.load_rad for moment in self.moments])
+        return np.array([np.interp(stamp_ns, stamps, joint) for joint in loads.T])
+
+    def object_rotation(self, stamp_ns: int) -> FloatArray:
+        """(3, 3) object -> world at a moment in memory: what the camera sees."""
+        return self.geometry.holder_rotation(self.load_at(stamp_ns).tolist()) @ self.grasp_at(stamp_ns)
+
+    def grasp_at(self, stamp_ns: int) -> FloatArray:
+        """(3, 3) object -> control at a moment, the slip included."""
+        d = self.disturbances
+        if d.slip_deg and stamp_ns >= d.slip_after_s * 1e9:
+            return axis_rotation(self._slip_axis, float(np.radians(d.slip_deg))) @ self.grasp
+        return self.grasp
+
+    def close(self) -> None:
+        """Leave pybullet. Safe to call twice."""
+        self.clock.on_advance = lambda _from_ns, _to_ns: None
+        if self._client >= 0:
+            self._bullet.disconnect(self._client)
+            self._client = -1
+
+    def _advance(self, _from_ns: int, to_ns: int) -> None:
+        bullet, client = self._bullet, self._client
+        play = float(np.radians(self.disturbances.backlash_deg)) / 2
+        joints = range(len(self.geometry.limits))
+        while self._next_step_ns <= to_ns:
+            bullet.stepSimulation(physicsClientId=client)
+            states = bullet.getJointStates(self._rig, joints, physicsClientId=client)
+            motor = tuple(float(state[0]) for state in states)
+            load = self.moments[-1].load_rad
+            # the load follows only when the motor has taken up the play
+            load = tuple(min(max(at, q - play), q + play) for at, q in zip(load, motor, strict=True))
+            self.moments.append(Moment(self._next_step_ns, motor, load))
+            self._next_step_ns += STEP_NS

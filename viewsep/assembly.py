@@ -1,0 +1,41 @@
+"""From configuration and models to an engine: the same way for live sessions, replay and benchmarks."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from viewsep.config import Config, geometry_of
+from viewsep.engine.engine import Engine
+from viewsep.engine.state import TaskLimits
+from viewsep.errors import BadInput, BadModel
+from viewsep.interfaces import Descriptor
+from viewsep.models.aspect_graph import AspectGraph
+from viewsep.planning.reachable import ReachableViews
+from viewsep.plugins import make_descriptor, make_interpreter, make_planner
+
+
+def make_engine(config: Config, models: Sequence[AspectGraph]) -> Engine:
+    """The engine for these candidates on this rig. Raises BadInput, BadConfig, BadModel."""
+    if len(models) < 2:
+        raise BadInput(
+            f"{len(models)} candidate: there is nothing to separate; learn another look-alike or name more candidates"
+        )
+    descriptor = make_descriptor(config.descriptor)
+    check_descriptor(models, descriptor)
+    return Engine(
+        make_interpreter(config.interpreter, models, descriptor),
+        make_planner(config.planner, models, ReachableViews.of(geometry_of(config.rig))),
+        TaskLimits(config.task.max_looks, config.task.max_failed_moves, config.task.max_missing_frames),
+    )
+
+
+def check_descriptor(models: Sequence[AspectGraph], descriptor: Descriptor) -> None:
+    """Percepts and models must come from the same descriptor. Raises BadModel."""
+    for model in models:
+        same = (model.descriptor, model.descriptor_parameters) == (descriptor.name, descriptor.parameters)
+        if not same or model.features.shape[1] != descriptor.size:
+            raise BadModel(
+                f"model {model.name!r} was learned with descriptor {model.descriptor} {model.descriptor_parameters}, "
+                f"but the configuration says {descriptor.name} {descriptor.parameters}: learn it again or change the "
+                "key 'descriptor'"
+            )

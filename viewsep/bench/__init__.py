@@ -1,0 +1,1 @@
+"""Experiments and speed: what the method costs and how often it is right."""

@@ -1,0 +1,153 @@
+"""The configuration file: TOML, angles in degrees, every key checked. `docs/config` has an example for each rig."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from viewsep.errors import BadConfig
+from viewsep.interfaces import JointLimits
+from viewsep.kinematics import PRESETS, RigGeometry, preset, rig_geometry
+
+
+class Section(BaseModel):
+    """A table of the file: unknown keys are errors, values are not changed afterwards."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class JointConfig(Section):
+    """One revolute joint of a rig that is not a preset. Without limits it turns freely."""
+
+    name: str = Field(min_length=1)
+    axis: tuple[float, float, float]
+    lower_deg: float | None = None
+    upper_deg: float | None = None
+    max_speed_deg_s: float = Field(default=60.0, gt=0, le=720)
+
+
+class RigConfig(Section):
+    """Which joints hold the object and where the camera is: a preset (`gimbal` by default) or `joints`.
+
+    `camera_elevation_deg` overrides the preset's; own joints have 0 by default.
+    """
+
+    backend: Literal["sim"] = "sim"
+    preset: str | None = None
+    joints: tuple[JointConfig, ...] = ()
+    camera_elevation_deg: float | None = Field(default=None, ge=-90, le=90)
+
+
+class CameraConfig(Section):
+    """Picture size (square) and exposure rate."""
+
+    size_px: int = Field(default=128, ge=32, le=1024)
+    rate_hz: float = Field(default=30.0, gt=0, le=1000)
+
+
+class PluginConfig(Section):
+    """A plug-in by name, with its own options."""
+
+    name: str = Field(min_length=1)
+    options: dict[str, Any] = {}
+
+
+class TaskConfig(Section):
+    """Budgets of a task. `looks_per_s` is the rate of the interpretation module (the seed: 3 to 5)."""
+
+    max_looks: int = Field(default=400, ge=1)
+    max_failed_moves: int = Field(default=3, ge=1)
+    max_missing_frames: int = Field(default=20, ge=1)
+    looks_per_s: float = Field(default=4.0, gt=0, le=100)
+    frame_timeout_s: float = Field(default=1.0, gt=0)
+    move_timeout_s: float = Field(default=15.0, gt=0)
+    deadline_s: float = Field(default=600.0, gt=0)
+
+
+class SimConfig(Section):
+    """Disturbances of the simulated rig; 0 is off."""
+
+    light: float = Field(default=0.0, ge=0, le=1)
+    noise: float = Field(default=0.0, ge=0, le=1)
+    blur_px: float = Field(default=0.0, ge=0, le=50)
+    mask_error: float = Field(default=0.0, ge=0, le=1)
+    backlash_deg: float = Field(default=0.0, ge=0, le=45)
+    encoder_noise_deg: float = Field(default=0.0, ge=0, le=45)
+    latency_s: float = Field(default=0.0, ge=0, le=5)
+    drop_rate: float = Field(default=0.0, ge=0, lt=1)
+    slip_deg: float = Field(default=0.0, ge=0, le=180)
+    slip_after_s: float = Field(default=5.0, ge=0)
+
+
+class Config(Section):
+    """Everything that decides how viewsep behaves, apart from the seed and the models."""
+
+    rig: RigConfig = RigConfig()
+    camera: CameraConfig = CameraConfig()
+    descriptor: PluginConfig = PluginConfig(name="cch")
+    interpreter: PluginConfig = PluginConfig(name="path")
+    planner: PluginConfig = PluginConfig(name="separating")
+    task: TaskConfig = TaskConfig()
+    sim: SimConfig = SimConfig()
+
+
+def load_config(path: Path) -> Config:
+    """Read a configuration file. Raises BadConfig naming file, key, value and remedy."""
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise BadConfig(f"cannot read the configuration {path}: {error}") from error
+    try:
+        table = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise BadConfig(f"{path} is not TOML: {error}") from error
+    return parse_config(table, str(path))
+
+
+def parse_config(table: Any, origin: str) -> Config:
+    """Check a configuration given as nested dicts. Raises BadConfig; `origin` names it there."""
+    try:
+        config = Config.model_validate(table)
+    except ValidationError as error:
+        raise BadConfig(f"{origin}: {explain(error)}") from error
+    rig = config.rig
+    if rig.preset is not None and rig.preset not in PRESETS:
+        raise BadConfig(
+            f"{origin}: key 'rig.preset' = {rig.preset!r}: choose one of {', '.join(PRESETS)}, or give rig.joints"
+        )
+    if rig.joints and rig.preset is not None:
+        raise BadConfig(f"{origin}: keys 'rig.preset' and 'rig.joints' exclude each other: remove one")
+    try:
+        geometry_of(rig)
+    except BadConfig as error:
+        raise BadConfig(f"{origin}: {error}") from error
+    return config
+
+
+def explain(error: ValidationError) -> str:
+    """The first complaint of pydantic as one sentence: key, value, reason."""
+    first = error.errors()[0]
+    key = ".".join(str(part) for part in first["loc"])
+    if first["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
+        return f"unknown key {key!r}: check the spelling against the examples in docs/config"
+    return f"key {key!r} = {first['input']!r}: {first['msg'][0].lower()}{first['msg'][1:]}"
+
+
+def geometry_of(rig: RigConfig) -> RigGeometry:
+    """The rig's axes, limits and camera. Raises BadConfig."""
+    if not rig.joints:
+        return preset(rig.preset or "gimbal", rig.camera_elevation_deg)
+    limits = [
+        JointLimits(
+            joint.name,
+            -np.inf if joint.lower_deg is None else np.radians(joint.lower_deg),
+            np.inf if joint.upper_deg is None else np.radians(joint.upper_deg),
+            np.radians(joint.max_speed_deg_s),
+        )
+        for joint in rig.joints
+    ]
+    return rig_geometry("custom", [joint.axis for joint in rig.joints], limits, rig.camera_elevation_deg or 0.0)

@@ -1,0 +1,1 @@
+"""The pure engine: step(state, event) -> (state, commands)."""

@@ -1,0 +1,157 @@
+"""The engine: events in, commands out, nothing else (design section 1)."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from viewsep.engine.state import EngineState, TaskLimits
+from viewsep.engine.verdict import failure, identification, indecision
+from viewsep.geometry import angle_between
+from viewsep.interfaces import Interpreter, NextView, Planner
+from viewsep.messages import (
+    CancelRequested,
+    Command,
+    DeadlinePassed,
+    Event,
+    FloatArray,
+    FrameMissing,
+    MoveFailed,
+    MoveSettled,
+    MoveTo,
+    Percept,
+    PerceptReceived,
+    Phase,
+    Result,
+    Stop,
+    TaskStarted,
+)
+
+Step = tuple[EngineState, tuple[Command, ...]]
+
+
+class Engine:
+    """`step(state, event) -> (state, commands)`. The same events give the same states, bit for bit."""
+
+    def __init__(self, interpreter: Interpreter, planner: Planner, limits: TaskLimits | None = None) -> None:
+        self.interpreter = interpreter
+        self.planner = planner
+        self.limits = limits or TaskLimits()
+
+    def start(self) -> EngineState:
+        """Waiting for a task."""
+        return EngineState()
+
+    def step(self, state: EngineState, event: Event) -> Step:
+        """Take one event. Events after the result, or that belong to an abandoned move, change nothing."""
+        if isinstance(event, TaskStarted):
+            return self._begin(event)
+        if state.phase in (Phase.IDLE, Phase.DONE):
+            return state, ()
+        match event:
+            case PerceptReceived(percept):
+                return self._see(state, percept)
+            case MoveSettled(stamp_ns, command_id):
+                if state.move is None or command_id != state.move.command_id:
+                    return state, ()
+                return self._arrive(state, stamp_ns)
+            case MoveFailed():
+                return self._retry(state, event)
+            case FrameMissing():
+                return self._miss(state, event)
+            case DeadlinePassed(stamp_ns):
+                return self._end(state, indecision(state, stamp_ns, "the time for the task is over"))
+            case CancelRequested(stamp_ns, reason):
+                return self._end(state, failure(state, stamp_ns, f"cancelled: {reason}"))
+        raise TypeError(f"the engine does not know the event {event!r}")
+
+    def _begin(self, event: TaskStarted) -> Step:
+        planning, first = self.planner.start(event.seed, event.view_direction)
+        state = EngineState(
+            phase=Phase.STARTING,
+            interpretation=self.interpreter.start(),
+            planning=planning,
+            view_direction=event.view_direction,
+        )
+        if first.view_direction is None:
+            return self._go_on(replace(state, phase=Phase.EXPLORING), event.view_direction)
+        return self._move(state, first)
+
+    def _see(self, state: EngineState, percept: Percept) -> Step:
+        """One iteration of the interpretation module, then the decision."""
+        if state.phase is Phase.STARTING:
+            return state, ()
+        interpretation, belief = self.interpreter.update(state.interpretation, percept)
+        assert state.view_direction is not None
+        travelled = float(angle_between(state.view_direction, percept.view_direction)) if state.looks else 0.0
+        state = replace(
+            state,
+            interpretation=interpretation,
+            belief=belief,
+            view_direction=percept.view_direction,
+            looks=state.looks + 1,
+            travel_rad=state.travel_rad + travelled,
+            comparisons=state.comparisons + belief.estimate.comparisons,
+            missing_frames=0,
+        )
+        target = state.move_plan.target if state.move_plan else None
+        state = replace(
+            state,
+            estimate=replace(belief.estimate, phase=state.phase, travel_rad=state.travel_rad, target=target),
+        )
+        if state.judging and belief.leader >= 0:
+            return self._end(state, identification(state, belief))
+        if state.looks >= self.limits.max_looks:
+            reason = f"no candidate stood out within {self.limits.max_looks} looks"
+            return self._end(state, indecision(state, percept.stamp_ns, reason))
+        if state.dwelling:
+            return self._go_on(replace(state, dwelling=False), state.view_direction)
+        return state, ()
+
+    def _arrive(self, state: EngineState, stamp_ns: int) -> Step:
+        """The move has settled: judge at a separating view, otherwise go on."""
+        assert state.move is not None
+        assert state.move_plan is not None
+        here = state.move.view_direction
+        state = replace(state, failed_moves=0)
+        if state.phase is Phase.STARTING:
+            return self._go_on(replace(state, phase=Phase.EXPLORING), here)
+        if state.move_plan.arrives:  # wait for a percept from here before going on
+            return replace(state, phase=Phase.JUDGING, judging=True, dwelling=True, move=None), ()
+        return self._go_on(state, here)
+
+    def _go_on(self, state: EngineState, here: FloatArray | None) -> Step:
+        """Ask the planner for the next view and drive there; stay and look again where it has none."""
+        assert here is not None
+        planning, plan = self.planner.next_view(state.planning, here, state.belief)
+        state = replace(state, planning=planning)
+        if plan.view_direction is None:
+            return replace(state, move=None, move_plan=plan, dwelling=True), ()
+        return self._move(replace(state, phase=Phase.JUDGING if state.judging else plan.purpose), plan)
+
+    def _move(self, state: EngineState, plan: NextView) -> Step:
+        assert plan.view_direction is not None
+        move = MoveTo(state.commands, plan.view_direction, plan.purpose)
+        return replace(state, move=move, move_plan=plan, commands=state.commands + 1), (move,)
+
+    def _retry(self, state: EngineState, event: MoveFailed) -> Step:
+        """Try the move again; give up after several failures in a row."""
+        if state.move is None or event.command_id != state.move.command_id:
+            return state, ()
+        failed = state.failed_moves + 1
+        if failed >= self.limits.max_failed_moves:
+            return self._end(state, failure(state, event.stamp_ns, f"{failed} moves failed in a row: {event.reason}"))
+        assert state.move_plan is not None
+        return self._move(replace(state, failed_moves=failed), state.move_plan)
+
+    def _miss(self, state: EngineState, event: FrameMissing) -> Step:
+        missing = state.missing_frames + 1
+        if missing >= self.limits.max_missing_frames:
+            reason = f"{missing} frames missing in a row: {event.reason}"
+            return self._end(state, failure(state, event.stamp_ns, reason))
+        return replace(state, missing_frames=missing), ()
+
+    def _end(self, state: EngineState, result: Result) -> Step:
+        """Publish the result and hold still."""
+        estimate = replace(state.estimate, phase=Phase.DONE) if state.estimate else None
+        state = replace(state, phase=Phase.DONE, result=result, estimate=estimate, commands=state.commands + 1)
+        return state, (Stop(state.commands - 1, result.outcome.value),)

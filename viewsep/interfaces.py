@@ -1,0 +1,196 @@
+"""The interfaces between hardware, perception and engine. Backends and plug-ins implement these and nothing else.
+
+Constructors are cheap and touch no device; `connect()` does. Every wait takes a deadline. Each interface has one
+contract suite in `tests/contracts`, run on every implementation.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol, runtime_checkable
+
+from viewsep.messages import Array, Estimate, FloatArray, Frame, JointState, Message, Percept, Phase
+
+
+@dataclass(frozen=True, slots=True)
+class JointLimits:
+    """Limits of one joint: radians and radians per second. `lower_rad`/`upper_rad` are infinite where it turns freely."""
+
+    name: str
+    lower_rad: float
+    upper_rad: float
+    max_speed_rad_s: float
+
+
+class Clock(Protocol):
+    """The only source of time."""
+
+    def now_ns(self) -> int:
+        """Monotonic nanoseconds."""
+        ...
+
+    def sleep_until(self, stamp_ns: int) -> None:
+        """Return when `now_ns() >= stamp_ns`; at once if that has passed. Simulated clocks step the world instead."""
+        ...
+
+
+class MotionBackend(Protocol):
+    """Joints that can be driven and read."""
+
+    def connect(self) -> None:
+        """Open the device and check it. Raises RigError."""
+        ...
+
+    def limits(self) -> tuple[JointLimits, ...]:
+        """Limits of every joint in the rig's order; valid before `connect()`."""
+        ...
+
+    def move_to(self, position_rad: Sequence[float]) -> tuple[float, ...]:
+        """Start moving to the set-points and return what was really commanded (after rounding to the device's steps).
+
+        Raises MoveRefused when a set-point is outside the limits or the backend has a fault; nothing moves then.
+        """
+        ...
+
+    def read_state(self) -> JointState:
+        """The newest read-back, without waiting for a new one. Raises NotConnected, RigError."""
+        ...
+
+    def history(self, since_ns: int) -> tuple[JointState, ...]:
+        """Read-backs in order of time from the last one at or before `since_ns` on (fewer where they have been forgotten)."""
+        ...
+
+    def stop(self) -> None:
+        """Stop all joints where they are and hold. Tries every joint, then raises the first error."""
+        ...
+
+    def fault(self) -> str:
+        """Empty when all is well, otherwise a sentence that says what is wrong and how to clear it."""
+        ...
+
+    def close(self) -> None:
+        """Stop and release the device. Safe to call twice; tries everything, then raises the first error."""
+        ...
+
+
+class CameraSource(Protocol):
+    """Something that delivers time-stamped frames."""
+
+    def connect(self) -> None:
+        """Open the device and check it. Raises RigError."""
+        ...
+
+    def read(self, newer_than_ns: int, timeout_s: float) -> Frame:
+        """The first frame exposed after `newer_than_ns`. Raises Timeout when none comes within `timeout_s`."""
+        ...
+
+    @property
+    def drops(self) -> int:
+        """How many exposures never arrived since `connect()`."""
+        ...
+
+    def close(self) -> None:
+        """Release the device. Safe to call twice."""
+        ...
+
+
+@runtime_checkable
+class Descriptor(Protocol):
+    """A global, roll-invariant feature with a similarity (section II.2). Found by name through entry points.
+
+    Plug-in: entry-point group `viewsep.descriptors`, value is a dataclass whose fields are its parameters.
+    """
+
+    @property
+    def name(self) -> str:
+        """The name it is registered under."""
+        ...
+
+    @property
+    def parameters(self) -> dict[str, float | int | str]:
+        """Everything that changes the features; stored in models and compared when they are used."""
+        ...
+
+    @property
+    def size(self) -> int:
+        """D, the number of values in a feature."""
+        ...
+
+    def describe(self, image: Array, mask: Array | None) -> Array:
+        """(H, W, 3) uint8 RGB and (H, W) bool -> (D,) float32. Raises BadInput when no pixel is on the object."""
+        ...
+
+    def similarity(self, feature: Array, features: Array) -> FloatArray:
+        """(D,) against (N, D) -> (N,) float64, higher is more alike, 1 for identical (the seed's w0)."""
+        ...
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Interpretation:
+    """What an interpreter hands to the planner and the decision after one percept.
+
+    `estimate` fields other than phase, travel and target are filled by the interpreter; `rotations` is (K, 3, 3),
+    one pose per candidate; `converged` is True when the poses are good enough to plan with; `plausible` is (K,) bool,
+    the candidates worth separating; `leader` is the index of the candidate that would be named if judged now, or -1.
+    """
+
+    estimate: Estimate
+    rotations: FloatArray
+    converged: bool
+    plausible: Array
+    leader: int
+
+
+class Interpreter(Protocol):
+    """Turns percepts into a belief about candidates and poses. Pure: state in, state out.
+
+    Plug-in: entry-point group `viewsep.interpreters`, value is a class with an `options_type` (a dataclass) and a
+    constructor `(models, descriptor, options)`.
+    """
+
+    def start(self) -> Any:
+        """The state before the first percept."""
+        ...
+
+    def update(self, state: Any, percept: Percept) -> tuple[Any, Interpretation]:
+        """One iteration of the interpretation module. Does not change `state`."""
+        ...
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class NextView:
+    """Where a planner wants to look next.
+
+    `view_direction` (3,) is reachable, or None to stay; `purpose` the phase the move serves; `target` (3,) the
+    separating view it leads to, or None while exploring; `arrives` is True when the move ends at the target.
+    """
+
+    view_direction: FloatArray | None
+    purpose: Phase
+    target: FloatArray | None = None
+    arrives: bool = False
+
+
+class Planner(Protocol):
+    """Chooses the next view among the reachable ones. Pure: state in, state out.
+
+    Plug-in: entry-point group `viewsep.planners`, value is a class with an `options_type` (a dataclass) and a
+    constructor `(models, reachable, options)`.
+    """
+
+    def start(self, seed: int, view_direction: FloatArray) -> tuple[Any, NextView]:
+        """The state at the start of a task and the start view (None to start where the rig is)."""
+        ...
+
+    def next_view(self, state: Any, view_direction: FloatArray, belief: Interpretation | None) -> tuple[Any, NextView]:
+        """The next reachable view direction from `view_direction` (3,), given the newest belief (None before any)."""
+        ...
+
+
+class Listener(Protocol):
+    """Hears everything that crosses an arrow of the loop: the recorder, the live table, the service."""
+
+    def hear(self, stamp_ns: int, message: Message) -> None:
+        """`message` was read, issued or concluded at `stamp_ns`. An event is heard just before the engine takes it."""
+        ...

@@ -1,0 +1,1 @@
+"""Path hypotheses: from percepts to poses and ratings (section IV)."""

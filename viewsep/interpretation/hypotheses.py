@@ -1,0 +1,77 @@
+"""Path hypotheses: how they start, grow and lose their loops (section IV.A-C).
+
+A path is kept as the node that was valid at each hit, h(p, e) of eq. 3. Path elements and hit counters (eq. 1) are the
+runs of equal nodes and their lengths.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from viewsep.interpretation.candidates import Candidates
+from viewsep.messages import Array, FloatArray
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Hypotheses:
+    """P paths over all candidates after H hits.
+
+    `hits` (P, H) int32 node ids; `rotation` (P, 3, 3) transformation t_i of each path to the controlled path; `w0`,
+    `w1` (radians), `w2` (P,) measures; `rating` (P,) mean 1-based position in the queues.
+    """
+
+    hits: Array
+    rotation: FloatArray
+    w0: FloatArray
+    w1: FloatArray
+    w2: FloatArray
+    rating: FloatArray
+
+    def take(self, index: Array) -> Hypotheses:
+        """The hypotheses at `index`."""
+        return Hypotheses(
+            self.hits[index], self.rotation[index], self.w0[index], self.w1[index], self.w2[index], self.rating[index]
+        )
+
+
+def children_of(hits: Array, candidates: Candidates) -> tuple[Array, Array]:
+    """Every path prolonged by its last node and by each neighbour: parents (C,) and nodes (C,)."""
+    options = candidates.neighbours[hits[:, -1]]
+    parent, column = np.nonzero(options >= 0)
+    return parent, options[parent, column]
+
+
+def most_similar_child(parent: Array, node: Array, similarity: FloatArray) -> Array:
+    """Algorithm 1, line 8: for every parent the index of its child most similar to the view. `similarity` is (M,)."""
+    order = np.lexsort((-similarity[node], parent))
+    first = np.ones(len(order), bool)
+    first[1:] = parent[order][1:] != parent[order][:-1]
+    return order[first]
+
+
+def grow(hits: Array, parent: Array, node: Array, *, loop_free: bool) -> Array:
+    """(C, H+1) paths: `hits[parent]` with `node` appended.
+
+    With `loop_free` a path that returns to a node loses the loop; the hits of the loop go to that node (section IV.C).
+    """
+    grown = np.concatenate([hits[parent], node[:, None]], axis=1)
+    if loop_free:
+        returned = np.logical_or.accumulate(grown == node[:, None], axis=1)
+        grown = np.where(returned, node[:, None], grown)
+    return grown
+
+
+def path_elements(hits: Array) -> Array:
+    """(C, H) bool: True where a new path element begins."""
+    begins = np.ones(hits.shape, bool)
+    np.not_equal(hits[:, 1:], hits[:, :-1], out=begins[:, 1:])
+    return begins
+
+
+def distinct_paths(hits: Array) -> Array:
+    """Indices of paths that differ in their sequence of nodes or in its timing; of equal ones the first is kept."""
+    weights = np.random.default_rng(hits.shape[1]).integers(1, 2**62, hits.shape[1], dtype=np.int64)
+    _, first = np.unique(hits @ weights, return_index=True)
+    return np.sort(first)

@@ -1,0 +1,1 @@
+"""Aspect graphs and the files that hold them (section III.A)."""

@@ -1,0 +1,1 @@
+"""Which view to drive to next (sections III.C and IV.E)."""

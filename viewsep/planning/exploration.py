@@ -1,0 +1,91 @@
+"""Where to turn while the poses are not yet known (sections III.C and V)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from viewsep.geometry import (
+    angle_between,
+    axis_rotation,
+    azimuth_elevation,
+    move_along,
+    perpendicular,
+    spherical_direction,
+    tangent_towards,
+)
+from viewsep.messages import FloatArray
+from viewsep.planning.reachable import ReachableViews
+
+POLE_RAD = np.radians(75.0)
+PRECESSION_RAD = np.radians(1.5)  # per step, so that a second turn shows new views
+
+
+@dataclass(frozen=True, slots=True)
+class SphericalExploration:
+    """The seed's: constant increments of azimuth and zenith angle. Near the poles it sees little that is new."""
+
+    azimuth_rad: float
+    elevation_rad: float
+    azimuth_step_rad: float
+    elevation_step_rad: float
+
+    @staticmethod
+    def start(rng: np.random.Generator, view: FloatArray, step_rad: float) -> SphericalExploration:
+        """In a random direction from `view`."""
+        azimuth, elevation = azimuth_elevation(view)
+        heading = rng.uniform(0.0, 2.0 * np.pi)
+        return SphericalExploration(azimuth, elevation, step_rad * np.cos(heading), step_rad * np.sin(heading))
+
+    def next_view(self, view: FloatArray, reachable: ReachableViews) -> tuple[SphericalExploration, FloatArray]:
+        """The next increment; increments that a limited rig cannot follow are skipped up to a whole turn."""
+        step = np.hypot(self.azimuth_step_rad, self.elevation_step_rad)
+        state, target = self, view
+        for _ in range(int(np.ceil(2.0 * np.pi / step))):
+            state = replace(
+                state,
+                azimuth_rad=state.azimuth_rad + self.azimuth_step_rad,
+                elevation_rad=state.elevation_rad + self.elevation_step_rad,
+            )
+            target = reachable.nearest(spherical_direction(state.azimuth_rad, state.elevation_rad))
+            if angle_between(target, view) > 0.25 * step * abs(np.cos(state.elevation_rad)):
+                break
+        return state, target
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class GeodesicExploration:
+    """Straight ahead on great circles that slowly turn, away from the control frame's poles and the rig's limits.
+
+    `tangent` (3,) is the heading at the view it was last used at.
+    """
+
+    tangent: FloatArray
+    step_rad: float
+
+    @staticmethod
+    def start(rng: np.random.Generator, view: FloatArray, step_rad: float) -> GeodesicExploration:
+        """In a random direction from `view`."""
+        heading = axis_rotation(view, rng.uniform(0.0, 2.0 * np.pi)) @ perpendicular(view)
+        return GeodesicExploration(heading, step_rad)
+
+    def next_view(self, view: FloatArray, reachable: ReachableViews) -> tuple[GeodesicExploration, FloatArray]:
+        """One step ahead, or as little to the side as the limits ask for."""
+        ahead = tangent_towards(view, move_along(view, self.tangent, self.step_rad))
+        best, best_turn = view, np.inf
+        for turn in np.radians([0, 15, -15, 30, -30, 50, -50, 75, -75, 105, -105, 140, -140, 180]):
+            heading = axis_rotation(view, turn + PRECESSION_RAD) @ ahead
+            target = reachable.nearest(move_along(view, heading, self.step_rad))
+            travelled = angle_between(view, target)
+            leaves_pole = abs(azimuth_elevation(target)[1]) <= max(POLE_RAD, abs(azimuth_elevation(view)[1]))
+            if travelled > 0.5 * self.step_rad and leaves_pole and abs(turn) < best_turn:
+                best, best_turn = target, abs(turn)
+                break
+        return replace(self, tangent=_carried(view, best, ahead)), best
+
+
+def _carried(start: FloatArray, end: FloatArray, heading: FloatArray) -> FloatArray:
+    """The heading (3,) at `end` after going straight there from `start`; unchanged when nothing moved."""
+    tangent = tangent_towards(end, start)
+    return -tangent if tangent.any() else heading

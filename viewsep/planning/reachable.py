@@ -1,0 +1,89 @@
+"""The views a rig can show, and how to get from one to another."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cached_property
+
+import numpy as np
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import dijkstra
+from scipy.spatial import cKDTree
+
+from viewsep.errors import UnreachableView
+from viewsep.geometry import angle_between, great_circle
+from viewsep.kinematics import RigGeometry, reachable_directions
+from viewsep.messages import Array, FloatArray
+
+
+class ReachableViews:
+    """Reachable view directions in the control frame.
+
+    `directions` (M, 3) cover what can be reached; `reaches(c)` says whether a direction (3,) can be shown exactly.
+    """
+
+    def __init__(self, directions: FloatArray, reaches: Callable[[FloatArray], bool]) -> None:
+        self.directions = directions
+        self.reaches = reaches
+        self._tree = cKDTree(directions)
+
+    @staticmethod
+    def of(geometry: RigGeometry) -> ReachableViews:
+        """All views of a rig with revolute joints."""
+        home = [min(max(0.0, limit.lower_rad), limit.upper_rad) for limit in geometry.limits]
+
+        def reaches(direction: FloatArray) -> bool:
+            try:
+                geometry.joints_for(direction, home)
+            except UnreachableView:
+                return False
+            return True
+
+        return ReachableViews(reachable_directions(geometry), reaches)
+
+    def nearest(self, direction: FloatArray) -> FloatArray:
+        """`direction` (3,) itself where it can be reached, otherwise the closest of `directions`."""
+        if self.reaches(direction):
+            return direction
+        closest: FloatArray = self.directions[self._tree.query(direction)[1]]
+        return closest
+
+    def path(self, start: FloatArray, end: FloatArray, step_rad: float) -> FloatArray:
+        """(N, 3) waypoints after `start` up to and with the reachable `end`, about `step_rad` apart.
+
+        The great circle (section IV.E) where all of it can be reached, otherwise the shortest way through reachable
+        views; `end` alone where the reachable views fall apart.
+        """
+        arc = great_circle(start, end, step_rad)
+        if all(self.reaches(point) for point in arc):
+            return arc
+        inner = self.directions[self._shortest(start, end)]
+        waypoints: list[FloatArray] = []
+        here = start
+        for point in inner:
+            if angle_between(here, point) >= step_rad:
+                waypoints.append(point)
+                here = point
+        if waypoints and angle_between(waypoints[-1], end) < 0.5 * step_rad:
+            waypoints.pop()
+        return np.array([*waypoints, end])
+
+    def _shortest(self, start: FloatArray, end: FloatArray) -> Array:
+        """Indices of the directions on the shortest way from `start` to `end`, empty where there is none."""
+        first, last = (int(self._tree.query(point)[1]) for point in (start, end))
+        _, before = dijkstra(self._graph, directed=False, indices=first, return_predecessors=True)
+        way = [last]
+        while way[-1] != first:
+            previous = int(before[way[-1]])
+            if previous < 0:
+                return np.empty(0, int)
+            way.append(previous)
+        return np.array(way[::-1])
+
+    @cached_property
+    def _graph(self) -> csr_array:
+        """Angles between directions that lie next to each other."""
+        gaps = self._tree.query(self.directions, k=2)[0][:, 1]
+        pairs = self._tree.query_pairs(2.2 * float(np.median(gaps)), output_type="ndarray")
+        length = angle_between(self.directions[pairs[:, 0]], self.directions[pairs[:, 1]])
+        return csr_array((length, (pairs[:, 0], pairs[:, 1])), shape=(len(self.directions),) * 2)

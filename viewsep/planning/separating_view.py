@@ -1,0 +1,60 @@
+"""The view that tells the candidates apart best, given their poses (section IV.E)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from viewsep.geometry import delaunay_edges, equidistant_sphere
+from viewsep.messages import FloatArray
+from viewsep.models.aspect_graph import AspectGraph
+
+SIMILARITY_NODES = 100
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class SimilarityGraph:
+    """How much the candidates differ, over directions of the common control frame.
+
+    `directions` (S, 3); `variance` (S,) summed variance between the candidates' features; `smoothed` (S,) its mean
+    over each node and its neighbours, which allows for pose errors.
+    """
+
+    directions: FloatArray
+    variance: FloatArray
+    smoothed: FloatArray
+
+
+_DIRECTIONS = equidistant_sphere(SIMILARITY_NODES)
+_EDGES = delaunay_edges(_DIRECTIONS)
+
+
+def similarity_graph(models: Sequence[AspectGraph], rotations: FloatArray) -> SimilarityGraph:
+    """Rotate the K candidates by their poses (K, 3, 3) object -> control and compare what they show everywhere.
+
+    A candidate's nodes are associated with the closest node of the similarity graph; where none is, the candidate's
+    closest node stands in.
+    """
+    shown = np.stack([_associated(model, rotation) for model, rotation in zip(models, rotations, strict=True)])
+    variance = shown.var(axis=0).sum(axis=1)
+    total, count = variance.copy(), np.ones(len(variance))
+    for a, b in (_EDGES.T, _EDGES.T[::-1]):
+        np.add.at(total, a, variance[b])
+        np.add.at(count, a, 1.0)
+    return SimilarityGraph(_DIRECTIONS, variance, total / count)
+
+
+def _associated(model: AspectGraph, rotation: FloatArray) -> FloatArray:
+    """(S, D) mean feature of the model's nodes at every node of the similarity graph."""
+    rotated = model.directions @ rotation.T
+    nearest = cKDTree(_DIRECTIONS).query(rotated)[1]
+    total = np.zeros((len(_DIRECTIONS), model.features.shape[1]))
+    np.add.at(total, nearest, model.features)
+    count = np.bincount(nearest, minlength=len(_DIRECTIONS))
+    empty = count == 0
+    total[empty] = model.features[cKDTree(rotated).query(_DIRECTIONS[empty])[1]]
+    shown: FloatArray = total / np.maximum(count, 1)[:, None]
+    return shown

@@ -1,0 +1,64 @@
+"""Descriptors, interpreters and planners by name, from this package or from a user's own (entry points)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import fields
+from importlib.metadata import entry_points
+from typing import Any, cast
+
+from pydantic import TypeAdapter, ValidationError
+
+from viewsep.config import PluginConfig, explain
+from viewsep.errors import BadConfig
+from viewsep.interfaces import Descriptor, Interpreter, Planner
+from viewsep.models.aspect_graph import AspectGraph
+from viewsep.planning.reachable import ReachableViews
+
+
+def names(kind: str) -> list[str]:
+    """Registered names of a kind: `descriptor`, `interpreter` or `planner`."""
+    return sorted({point.name for point in entry_points(group=f"viewsep.{kind}s")})
+
+
+def make_descriptor(config: PluginConfig) -> Descriptor:
+    """The descriptor with its parameters. Raises BadConfig."""
+    return cast(Descriptor, _options(_find("descriptor", config.name), "descriptor", config))
+
+
+def make_interpreter(config: PluginConfig, models: Sequence[AspectGraph], descriptor: Descriptor) -> Interpreter:
+    """The interpreter over the candidates' models. Raises BadConfig, BadInput."""
+    plugin = _find("interpreter", config.name)
+    return cast(Interpreter, plugin(models, descriptor, _options(plugin.options_type, "interpreter", config)))
+
+
+def make_planner(config: PluginConfig, models: Sequence[AspectGraph], reachable: ReachableViews) -> Planner:
+    """The planner over the candidates' models and the rig's views. Raises BadConfig."""
+    plugin = _find("planner", config.name)
+    return cast(Planner, plugin(models, reachable, _options(plugin.options_type, "planner", config)))
+
+
+def _find(kind: str, name: str) -> Any:
+    found = [point for point in entry_points(group=f"viewsep.{kind}s") if point.name == name]
+    if not found:
+        raise BadConfig(
+            f"no {kind} is called {name!r}: choose one of {', '.join(names(kind))}, or install the package that has it"
+        )
+    try:
+        return found[0].load()
+    except (ImportError, AttributeError) as error:
+        raise BadConfig(f"the {kind} {name!r} ({found[0].value}) cannot be loaded: {error}") from error
+
+
+def _options(options_type: type, kind: str, config: PluginConfig) -> Any:
+    """The options dataclass filled from the configuration; unknown keys are errors."""
+    known = [field.name for field in fields(options_type)]
+    for key in config.options:
+        if key not in known:
+            raise BadConfig(
+                f"unknown key '{kind}.options.{key}': {kind} {config.name!r} has {', '.join(known) or 'no options'}"
+            )
+    try:
+        return TypeAdapter(options_type).validate_python(config.options)
+    except ValidationError as error:
+        raise BadConfig(f"{kind}.options, {explain(error)}") from error
