@@ -109,9 +109,10 @@ def replay(recording: Recording) -> Iterator[Replayed]:
 
 
 def verify(recording: Recording) -> Verification:
-    """Replay and compare every estimate, command and result byte for byte. Raises ReplayMismatch at the first difference.
+    """Replay and compare every estimate, command and result byte for byte.
 
-    On another build or processor than the recording's, floats may differ by FLOAT_TOLERANCE; decisions may not.
+    Raises ReplayMismatch at the first difference. On another build or processor than the recording's, floats may
+    differ by FLOAT_TOLERANCE; decisions may not.
     """
     said = iter([r for r in recording.messages if isinstance(r.message, Output)])
     same_build = recording.metadata.get("build") == this_build()
@@ -182,7 +183,7 @@ def _compare(recorded: Recorded, output: Output, tolerance: float) -> None:
     topic, again = encode(output)
     if topic != recorded.topic:
         raise ReplayMismatch(
-            f"at {recorded.stamp_ns} ns the recording has a message on {recorded.topic!r}, the engine put one on {topic!r}"
+            f"at {recorded.stamp_ns} ns the recording has a message on {recorded.topic!r}, the engine one on {topic!r}"
         )
     difference = first_difference(SCHEMAS[topic].FromString(recorded.raw), again, tolerance)
     if difference:

@@ -39,7 +39,7 @@ def disturbed(image: Array, mask: Array, disturbances: Disturbances, rng: np.ran
         mask = _wrong_mask(mask, d.mask_error, rng)
     if d.light == d.noise == d.blur_px == 0:
         return image, mask
-    picture = image.astype(np.float32) * np.float32(1.0 + rng.uniform(-d.light, d.light))
+    picture: Array = image.astype(np.float32) * np.float32(1.0 + rng.uniform(-d.light, d.light))
     if d.blur_px > 0:
         picture = cv2.GaussianBlur(picture, (0, 0), d.blur_px)
     if d.noise > 0:

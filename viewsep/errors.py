@@ -14,7 +14,7 @@ class ViewsepError(Exception):
 
 
 class BadInput(ViewsepError):
-    """The user's input cannot be used: a mesh without a texture, an unknown config key, a candidate not in the library."""
+    """The user's input cannot be used: an unknown config key, a candidate that is not in the library."""
 
     exit_code = 2
 

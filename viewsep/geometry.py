@@ -6,7 +6,7 @@ Rotations are (3, 3) float64 matrices unless a name says otherwise; view directi
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial import ConvexHull
+from scipy.spatial import ConvexHull, cKDTree
 from scipy.spatial.transform import Rotation
 
 from viewsep.messages import Array, FloatArray
@@ -17,12 +17,14 @@ GOLDEN_ANGLE_RAD = np.pi * (3.0 - np.sqrt(5.0))
 def unit(vectors: FloatArray) -> FloatArray:
     """(..., 3) vectors scaled to length 1; a zero vector stays zero."""
     norm = np.linalg.norm(vectors, axis=-1, keepdims=True)
-    return np.divide(vectors, norm, out=np.zeros_like(vectors), where=norm > 0)
+    scaled: FloatArray = np.divide(vectors, norm, out=np.zeros_like(vectors), where=norm > 0)
+    return scaled
 
 
 def angle_between(a: FloatArray, b: FloatArray) -> FloatArray:
     """Angle in radians between unit vectors (..., 3) and (..., 3), exact near 0 and pi too."""
-    return 2.0 * np.arctan2(np.linalg.norm(a - b, axis=-1), np.linalg.norm(a + b, axis=-1))
+    angle: FloatArray = 2.0 * np.arctan2(np.linalg.norm(a - b, axis=-1), np.linalg.norm(a + b, axis=-1))
+    return angle
 
 
 def spherical_direction(azimuth_rad: float, elevation_rad: float) -> FloatArray:
@@ -41,7 +43,8 @@ def axis_rotation(axis: FloatArray, angle_rad: float) -> FloatArray:
     """(3, 3) rotation by `angle_rad` about the unit vector `axis` (Rodrigues)."""
     x, y, z = axis
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return np.eye(3) + np.sin(angle_rad) * cross + (1.0 - np.cos(angle_rad)) * (cross @ cross)
+    rotation: FloatArray = np.eye(3) + np.sin(angle_rad) * cross + (1.0 - np.cos(angle_rad)) * (cross @ cross)
+    return rotation
 
 
 def random_rotation(rng: np.random.Generator) -> FloatArray:
@@ -65,7 +68,8 @@ def rotation_angle(a: FloatArray, b: FloatArray) -> FloatArray:
     """Angle in radians of the rotation from (..., 3, 3) to (..., 3, 3)."""
     # the chord ||a - b|| = 2 sqrt(2) sin(angle / 2) stays exact for small angles, unlike the trace
     chord = np.linalg.norm(a - b, axis=(-2, -1))
-    return 2.0 * np.arcsin(np.clip(chord / (2.0 * np.sqrt(2.0)), 0.0, 1.0))
+    angle: FloatArray = 2.0 * np.arcsin(np.clip(chord / (2.0 * np.sqrt(2.0)), 0.0, 1.0))
+    return angle
 
 
 def nearest_rotation(matrices: FloatArray) -> FloatArray:
@@ -86,7 +90,8 @@ def tangent_towards(start: FloatArray, end: FloatArray) -> FloatArray:
     """Unit tangents (..., 3) at `start` of the arc to `end`; zero where the two coincide or are opposite."""
     tangent = end - np.sum(start * end, axis=-1, keepdims=True) * start
     norm = np.linalg.norm(tangent, axis=-1, keepdims=True)
-    return np.divide(tangent, norm, out=np.zeros_like(tangent), where=norm > 1e-9)
+    scaled: FloatArray = np.divide(tangent, norm, out=np.zeros_like(tangent), where=norm > 1e-9)
+    return scaled
 
 
 def move_along(start: FloatArray, tangent: FloatArray, angle_rad: float) -> FloatArray:
@@ -110,6 +115,12 @@ def perpendicular(direction: FloatArray) -> FloatArray:
     other = np.zeros(3)
     other[int(np.argmin(np.abs(direction)))] = 1.0
     return unit(np.cross(direction, other))
+
+
+def nearest_points(points: FloatArray, queries: FloatArray) -> tuple[FloatArray, Array]:
+    """For each query (Q, 3) the distance (Q,) to the closest of the points (P, 3), and its index (Q,)."""
+    gap, index = cKDTree(points).query(queries)
+    return np.asarray(gap), np.asarray(index)
 
 
 def fibonacci_sphere(count: int) -> FloatArray:

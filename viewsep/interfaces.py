@@ -15,7 +15,7 @@ from viewsep.messages import Array, Estimate, FloatArray, Frame, JointState, Mes
 
 @dataclass(frozen=True, slots=True)
 class JointLimits:
-    """Limits of one joint: radians and radians per second. `lower_rad`/`upper_rad` are infinite where it turns freely."""
+    """Limits of one joint in radians and radians per second; `lower_rad`, `upper_rad` infinite where it is free."""
 
     name: str
     lower_rad: float
@@ -58,7 +58,7 @@ class MotionBackend(Protocol):
         ...
 
     def history(self, since_ns: int) -> tuple[JointState, ...]:
-        """Read-backs in order of time from the last one at or before `since_ns` on (fewer where they have been forgotten)."""
+        """Read-backs in order of time, from the last one at or before `since_ns` on, as far as they are remembered."""
         ...
 
     def stop(self) -> None:

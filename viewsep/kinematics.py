@@ -12,12 +12,10 @@ from functools import cached_property
 
 import numpy as np
 
-from scipy.spatial import cKDTree
-
 from viewsep.errors import BadConfig, UnreachableView
-from viewsep.geometry import angle_between, axis_rotation, fibonacci_sphere, spherical_direction, unit
+from viewsep.geometry import angle_between, axis_rotation, fibonacci_sphere, nearest_points, spherical_direction, unit
 from viewsep.interfaces import JointLimits
-from viewsep.messages import FloatArray
+from viewsep.messages import BoolArray, FloatArray
 
 VIEW_TOLERANCE_RAD = np.radians(0.05)
 GRID_STEP_DEG = {1: 2.0, 2: 3.0, 3: 9.0}  # by number of joints
@@ -63,11 +61,11 @@ class RigGeometry:
         """(G, 3) views that a grid over the joint space shows."""
         return self._grid[1]
 
-    def within_limits(self, positions_rad: FloatArray) -> FloatArray:
+    def within_limits(self, positions_rad: FloatArray) -> BoolArray:
         """(P, n) -> (P,) bool, with a nanoradian's grace for rounding."""
         lower, upper = self._bounds()
-        inside: FloatArray = ((positions_rad >= lower - 1e-9) & (positions_rad <= upper + 1e-9)).all(axis=1)
-        return inside
+        inside = (positions_rad >= lower - 1e-9) & (positions_rad <= upper + 1e-9)
+        return np.asarray(inside.all(axis=1))
 
     def joints_for(self, view_direction: FloatArray, near_rad: Sequence[float]) -> tuple[float, ...]:
         """Joint angles within the limits that show a view, the closest to `near_rad` found.
@@ -91,16 +89,16 @@ class RigGeometry:
         """Those of (S, n) starts that lead to the view within the limits, as (G, n) joint angles close to `near`."""
         solved = self._nearest_turns(self._solve(starts, view_direction), near)
         miss = angle_between(self.view_directions(solved), view_direction)
-        return solved[self.within_limits(solved) & (miss < VIEW_TOLERANCE_RAD)]
+        found: FloatArray = solved[self.within_limits(solved) & (miss < VIEW_TOLERANCE_RAD)]
+        return found
 
     @cached_property
     def _grid(self) -> tuple[FloatArray, FloatArray]:
         """Joint angles (G, n) over the whole joint space, free joints over one turn, and the views (G, 3) they show."""
         step = np.radians(GRID_STEP_DEG[min(len(self.axes), 3)])
-        lower, upper = self._bounds()
         ranges = [
             np.linspace(low, high, int(np.ceil((high - low) / step)) + 1)
-            for low, high in zip(np.maximum(lower, -np.pi), np.minimum(upper, np.pi), strict=True)
+            for low, high in (one_turn(limit) for limit in self.limits)
         ]
         grid = np.stack(np.meshgrid(*ranges, indexing="ij"), axis=-1).reshape(-1, len(ranges))
         return grid, self.view_directions(grid)
@@ -111,7 +109,8 @@ class RigGeometry:
         miss = angle_between(views, view_direction)
         close = np.argsort(miss, kind="stable")[:200]
         by_effort = close[np.argsort(np.abs(grid[close] - near).max(axis=1), kind="stable")]
-        return grid[np.concatenate([close[:12], by_effort[:24]])]
+        starts: FloatArray = grid[np.concatenate([close[:12], by_effort[:24]])]
+        return starts
 
     def _solve(self, starts: FloatArray, view_direction: FloatArray, iterations: int = 40) -> FloatArray:
         """Levenberg-Marquardt with fixed damping on (S, n) joint angles, clipped to the limits at every step."""
@@ -140,6 +139,12 @@ class RigGeometry:
         turned = positions_rad + 2 * np.pi * np.round((near - positions_rad) / (2 * np.pi))
         lower, upper = self._bounds()
         return np.where((turned >= lower) & (turned <= upper), turned, positions_rad)
+
+
+def one_turn(limit: JointLimits) -> tuple[float, float]:
+    """The range of a joint in radians, cut to one turn around zero, or around the limit nearest to zero."""
+    middle = min(max(0.0, limit.lower_rad), limit.upper_rad)
+    return max(limit.lower_rad, middle - np.pi), min(limit.upper_rad, middle + np.pi)
 
 
 def _rotate_back(directions: FloatArray, axis: FloatArray, angle: FloatArray) -> FloatArray:
@@ -205,12 +210,13 @@ def reachable_directions(geometry: RigGeometry, count: int = 2000) -> FloatArray
     """
     if len(geometry.limits) == 1:
         limit = geometry.limits[0]
-        lower, upper = max(limit.lower_rad, -np.pi), min(limit.upper_rad, np.pi)
+        lower, upper = one_turn(limit)
         steps = int(np.ceil((upper - lower) / np.radians(2.0)))
         full_turn = upper - lower >= 2 * np.pi - 1e-9
         return geometry.view_directions(np.linspace(lower, upper, steps + 1)[: steps if full_turn else None, None])
     sphere = fibonacci_sphere(count)
     seen = geometry.grid_views()
-    gap, nearest = cKDTree(seen).query(sphere)
+    gap, nearest = nearest_points(seen, sphere)
     # the nearest view on the joint grid stands in for the sphere's point, so that every direction is truly reachable
-    return seen[np.unique(nearest[gap < np.sqrt(np.pi / count)])]
+    directions: FloatArray = seen[np.unique(nearest[gap < np.sqrt(np.pi / count)])]
+    return directions

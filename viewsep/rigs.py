@@ -18,10 +18,11 @@ from viewsep.sim.world import SimWorld
 
 @dataclass(frozen=True, slots=True)
 class SimulatedRig:
-    """A rig whose truth is known: `world.grasp_at(stamp_ns)` is the object's real pose in the control frame."""
+    """A rig whose truth is known: the world, and the digest of the mesh in its holder."""
 
     rig: Rig
     world: SimWorld
+    object_digest: str
 
     def true_rotation(self, stamp_ns: int) -> FloatArray:
         """(3, 3) object -> control at a moment."""
@@ -35,7 +36,7 @@ def simulated_rig(config: Config, source: str, seed: int) -> SimulatedRig:
     renderer = open_renderer(source, CameraOptics(config.camera.size_px))
     world = SimWorld(geometry, clock, seed, disturbances)
     camera = SimCamera(world, renderer, config.camera.rate_hz, seed)
-    return SimulatedRig(Rig(SimMotion(world, seed), camera, geometry, clock), world)
+    return SimulatedRig(Rig(SimMotion(world, seed), camera, geometry, clock), world, renderer.mesh.digest)
 
 
 def pace_of(config: Config) -> Pace:

@@ -62,7 +62,7 @@ class _Move:
 
 
 class Session:
-    """Runs one separation task on a rig. Use as a context manager: leaving it stops the motion and closes everything."""
+    """Runs separation tasks on a rig. A context manager: leaving it stops the motion and closes everything."""
 
     def __init__(
         self,

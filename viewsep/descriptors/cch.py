@@ -1,4 +1,4 @@
-"""Colour co-occurrence histogram (section III; design section 4): 320 numbers = 16² colour pairs + 8² gradient pairs."""
+"""Colour co-occurrence histogram (section III): 320 numbers = 16² colour pairs + 8² gradient pairs."""
 
 from __future__ import annotations
 
@@ -66,7 +66,8 @@ class ColourCooccurrence:
 
     def similarity(self, feature: Array, features: Array) -> FloatArray:
         """Histogram intersection (the seed's w0): (320,) against (N, 320) -> (N,) float64 in [0, 1]."""
-        return np.minimum(feature, features).sum(axis=1, dtype=np.float64)
+        intersection: FloatArray = np.minimum(feature, features).sum(axis=1, dtype=np.float64)
+        return intersection
 
     def _codes(self, image: Array, mask: Array | None) -> Array:
         """(H, W) uint8 joint colour and gradient class; 255 off the object."""

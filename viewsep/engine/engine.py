@@ -112,10 +112,11 @@ class Engine:
         assert state.move is not None
         assert state.move_plan is not None
         here = state.move.view_direction
+        arrives = state.move_plan.arrives
         state = replace(state, failed_moves=0)
         if state.phase is Phase.STARTING:
             return self._go_on(replace(state, phase=Phase.EXPLORING), here)
-        if state.move_plan.arrives:  # wait for a percept from here before going on
+        if arrives:  # wait for a percept from here before going on
             return replace(state, phase=Phase.JUDGING, judging=True, dwelling=True, move=None), ()
         return self._go_on(state, here)
 

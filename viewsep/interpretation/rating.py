@@ -14,13 +14,15 @@ def path_course(hits: Array, rotation: FloatArray, directions: FloatArray, contr
     """w1 (eq. 3): mean angle in radians between transformed path (C, H) and controlled path (H, 3), hit by hit."""
     in_object_frame = controlled @ rotation  # (C, H, 3): Rᵀ c, so that only c has to be turned
     cosine = np.einsum("cht,cht->ch", in_object_frame, directions[hits])
-    return np.arccos(np.clip(cosine, -1.0, 1.0)).mean(axis=1)
+    course: FloatArray = np.arccos(np.clip(cosine, -1.0, 1.0)).mean(axis=1)
+    return course
 
 
 def accumulated_similarity(hits: Array, best_similarity: FloatArray) -> FloatArray:
     """w2 (eq. 4): mean over a path's elements (C, H) of the best similarity (M,) ever seen at their nodes."""
     begins = path_elements(hits)
-    return (best_similarity[hits] * begins).sum(axis=1) / begins.sum(axis=1)
+    accumulated: FloatArray = (best_similarity[hits] * begins).sum(axis=1) / begins.sum(axis=1)
+    return accumulated
 
 
 def queue_positions(values: FloatArray) -> FloatArray:
@@ -33,11 +35,12 @@ def queue_positions(values: FloatArray) -> FloatArray:
 
 def mean_position(queues: Sequence[FloatArray]) -> FloatArray:
     """Overall rating: the mean position over one queue per measure (smaller values are better in each)."""
-    return np.mean([queue_positions(values) for values in queues], axis=0)
+    rating: FloatArray = np.mean([queue_positions(values) for values in queues], axis=0)
+    return rating
 
 
 def best_per_candidate(rating: FloatArray, tie: FloatArray, owner: Array, count: int) -> Array:
-    """Indices of the `count` best-rated hypotheses of every candidate, ordered by candidate, then rating, then `tie`."""
+    """Indices of the `count` best-rated hypotheses of every candidate, ordered by candidate, rating and `tie`."""
     order = np.lexsort((tie, rating, owner))
     sorted_owner = owner[order]
     first = np.searchsorted(sorted_owner, sorted_owner, side="left")

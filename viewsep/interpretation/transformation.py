@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from viewsep.messages import FloatArray
+from viewsep.messages import BoolArray, FloatArray
 
 DEGENERATE = 1e-9
 
@@ -50,7 +50,7 @@ def align_whole_path(correlation: FloatArray, fallback: FloatArray) -> FloatArra
     return rotation
 
 
-def _tangents(start: FloatArray, end: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _tangents(start: FloatArray, end: FloatArray) -> tuple[FloatArray, BoolArray]:
     """Unit tangents (P, 3) at start towards end, and (P,) whether there is one."""
     tangent = end - np.einsum("pi,pi->p", start, end)[:, None] * start
     norm = np.sqrt(np.einsum("pi,pi->p", tangent, tangent))

@@ -23,6 +23,16 @@ from viewsep.models.aspect_graph import AspectGraph, Provenance
 SCHEMA_VERSION = 1
 SUFFIX = ".viewsep"
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,99}")
+_UNREADABLE = (
+    ValueError,
+    KeyError,
+    OSError,
+    EOFError,
+    NotImplementedError,
+    RuntimeError,
+    zipfile.BadZipFile,
+    zlib.error,
+)
 _ARRAYS = {"directions": "<f8", "edges": "<i4", "features": "<f4", "thumbnails": "|u1"}
 
 
@@ -53,7 +63,7 @@ def to_bytes(model: AspectGraph) -> bytes:
     text = np.frombuffer(json.dumps(header, sort_keys=True).encode(), np.uint8)
     arrays = {name: np.ascontiguousarray(getattr(model, name), dtype=kind) for name, kind in _ARRAYS.items()}
     buffer = io.BytesIO()
-    np.savez_compressed(buffer, header=text, **arrays)
+    np.savez_compressed(buffer, allow_pickle=False, header=text, **arrays)
     return buffer.getvalue()
 
 

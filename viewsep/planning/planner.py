@@ -16,7 +16,7 @@ from viewsep.planning.exploration import GeodesicExploration, SphericalExplorati
 from viewsep.planning.reachable import ReachableViews
 from viewsep.planning.separating_view import similarity_graph
 
-EXPLORATIONS = {"geodesic": GeodesicExploration, "spherical": SphericalExploration}
+NODE_REACH_DEG = 12.0  # about half a node spacing: a reachable view this close shows what the node stands for
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +60,7 @@ class SeparatingViewPlanner:
         start = view_direction
         if self.options.start == "random":
             start = self.reachable.directions[rng.integers(len(self.reachable.directions))]
-        kind = EXPLORATIONS[self.options.exploration]
+        kind = GeodesicExploration if self.options.exploration == "geodesic" else SphericalExploration
         state = PlannerState(kind.start(rng, start, self._step_rad), np.empty((0, 3)), np.empty((0, 3)))
         return state, NextView(start if self.options.start == "random" else None, Phase.STARTING)
 
@@ -86,7 +86,7 @@ class SeparatingViewPlanner:
         """Plan the way to the reachable view with the highest mean variance that was not tried yet."""
         models = [model for model, plausible in zip(self.models, belief.plausible, strict=True) if plausible]
         graph = similarity_graph(models, belief.rotations[belief.plausible])
-        score, views = graph.smoothed.copy(), graph.directions.copy()
+        score, views = graph.smoothed, graph.directions
         for node in np.argsort(-score, kind="stable"):
             nearest = self.reachable.nearest(views[node])
             tried = (angle_between(state.visited, nearest) < np.radians(self.options.apart_deg)).any()
@@ -94,6 +94,3 @@ class SeparatingViewPlanner:
             if covered and not tried and score[node] > 0.0:
                 return replace(state, way=self.reachable.path(view, nearest, self._step_rad))
         return replace(state, visited=np.empty((0, 3)))  # everything was tried: explore on, then begin again
-
-
-NODE_REACH_DEG = 12.0  # about half a node spacing: a reachable view this close shows what the node stands for

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from functools import cached_property
 
 import numpy as np
-from scipy.sparse import csr_array
+from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
@@ -71,7 +71,7 @@ class ReachableViews:
     def _shortest(self, start: FloatArray, end: FloatArray) -> Array:
         """Indices of the directions on the shortest way from `start` to `end`, empty where there is none."""
         first, last = (int(self._tree.query(point)[1]) for point in (start, end))
-        _, before = dijkstra(self._graph, directed=False, indices=first, return_predecessors=True)
+        _, (before,) = dijkstra(self._graph, directed=False, indices=[first], return_predecessors=True)
         way = [last]
         while way[-1] != first:
             previous = int(before[way[-1]])
@@ -81,9 +81,9 @@ class ReachableViews:
         return np.array(way[::-1])
 
     @cached_property
-    def _graph(self) -> csr_array:
+    def _graph(self) -> csr_matrix[np.float64]:
         """Angles between directions that lie next to each other."""
-        gaps = self._tree.query(self.directions, k=2)[0][:, 1]
+        gaps = np.asarray(self._tree.query(self.directions, k=2)[0])[:, 1]
         pairs = self._tree.query_pairs(2.2 * float(np.median(gaps)), output_type="ndarray")
         length = angle_between(self.directions[pairs[:, 0]], self.directions[pairs[:, 1]])
-        return csr_array((length, (pairs[:, 0], pairs[:, 1])), shape=(len(self.directions),) * 2)
+        return csr_matrix((length, (pairs[:, 0], pairs[:, 1])), shape=(len(self.directions),) * 2)

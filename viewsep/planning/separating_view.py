@@ -6,9 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import cKDTree
 
-from viewsep.geometry import delaunay_edges, equidistant_sphere
+from viewsep.geometry import delaunay_edges, equidistant_sphere, nearest_points
 from viewsep.messages import FloatArray
 from viewsep.models.aspect_graph import AspectGraph
 
@@ -50,11 +49,11 @@ def similarity_graph(models: Sequence[AspectGraph], rotations: FloatArray) -> Si
 def _associated(model: AspectGraph, rotation: FloatArray) -> FloatArray:
     """(S, D) mean feature of the model's nodes at every node of the similarity graph."""
     rotated = model.directions @ rotation.T
-    nearest = cKDTree(_DIRECTIONS).query(rotated)[1]
+    nearest = nearest_points(_DIRECTIONS, rotated)[1]
     total = np.zeros((len(_DIRECTIONS), model.features.shape[1]))
     np.add.at(total, nearest, model.features)
     count = np.bincount(nearest, minlength=len(_DIRECTIONS))
     empty = count == 0
-    total[empty] = model.features[cKDTree(rotated).query(_DIRECTIONS[empty])[1]]
+    total[empty] = model.features[nearest_points(rotated, _DIRECTIONS[empty])[1]]
     shown: FloatArray = total / np.maximum(count, 1)[:, None]
     return shown

@@ -1,0 +1,5 @@
+"""`python -m viewsep`."""
+
+from viewsep.cli import main
+
+main()

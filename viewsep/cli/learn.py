@@ -1,0 +1,62 @@
+"""`viewsep learn`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from viewsep.cli.console import people, print_json, progress_bar
+from viewsep.config import Config, load_config
+from viewsep.learning import learn_objects, names_for
+from viewsep.models import library
+
+
+def learn(
+    sources: Annotated[
+        list[str],
+        typer.Argument(
+            help="Mesh files (OBJ), folders holding one, or generated:SEED[:twin=face|sticker|none][:sticker=SHARE].",
+            metavar="SOURCE...",
+            show_default=False,
+        ),
+    ],
+    output: Annotated[
+        Path, typer.Option("--output", "-o", help="Library folder the models go to.", show_default=False)
+    ],
+    name: Annotated[
+        str | None, typer.Option(help="Name of the object (one source only).", show_default="folder's")
+    ] = None,
+    views: Annotated[int, typer.Option(help="Views of the aspect graph.")] = 100,
+    config: Annotated[
+        Path | None, typer.Option(help="TOML configuration; its camera and descriptor count here.")
+    ] = None,
+    jobs: Annotated[int, typer.Option(help="Processes; -1 is one per core.")] = -1,
+    json: Annotated[bool, typer.Option("--json", help="Print the learned models as JSON.")] = False,
+) -> None:
+    """Learn objects from renders: views all around, Delaunay edges, one feature per view.
+
+    Examples:
+
+        viewsep learn boxes/tea boxes/tea_decaf -o library
+
+        viewsep learn generated:7 generated:7:twin=sticker -o library
+    """
+    settings = load_config(config) if config else Config()
+    names = names_for(sources, name)
+    learned = []
+    with progress_bar() as progress:
+        bar = progress.add_task("learning", total=len(sources))
+        for model in learn_objects(sources, names, views, settings, jobs):
+            path = library.save(model, output)
+            learned.append(
+                {"name": model.name, "views": len(model.directions), "file": str(path), "hash": model.digest}
+            )
+            progress.advance(bar)
+    learned.sort(key=lambda entry: str(entry["name"]))
+    if json:
+        print_json(learned)
+        return
+    for entry in learned:
+        people.print(f"learned [bold]{entry['name']}[/bold]: {entry['views']} views -> {entry['file']}", soft_wrap=True)

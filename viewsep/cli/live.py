@@ -1,0 +1,59 @@
+"""The live table: what the engine believes while it works."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from rich.live import Live
+from rich.table import Table
+
+from viewsep.cli.console import people
+from viewsep.geometry import azimuth_elevation, matrix_to_quaternion
+from viewsep.messages import Estimate, Message, PerceptReceived
+
+
+class LiveTable:
+    """A `Listener` that redraws candidates, ratings, poses and phase; on terminals only."""
+
+    def __init__(self, truth: str) -> None:
+        self._truth = truth
+        self._view = ""
+        self._live = Live(console=people, auto_refresh=False, transient=True)
+        self._active = people.is_terminal
+
+    def __enter__(self) -> LiveTable:
+        if self._active:
+            self._live.start()
+        return self
+
+    def __exit__(self, *_: Any) -> None:
+        self._live.stop()
+
+    def hear(self, stamp_ns: int, message: Message) -> None:
+        """Redraw on every estimate."""
+        if not self._active:
+            return
+        if isinstance(message, PerceptReceived):
+            azimuth, elevation = np.degrees(azimuth_elevation(message.percept.view_direction))
+            self._view = f"view az {azimuth:.0f}° el {elevation:.0f}°"
+        elif isinstance(message, Estimate):
+            self._live.update(self._table(message), refresh=True)
+
+    def _table(self, estimate: Estimate) -> Table:
+        title = (
+            f"look {estimate.iteration}, {estimate.phase}, {self._view}, travel {np.degrees(estimate.travel_rad):.0f}°"
+        )
+        table = Table("candidate", "rating", "w0", "w1 deg", "w2", "pose x y z w", "spread deg", title=title)
+        for candidate in sorted(estimate.candidates, key=lambda c: c.rating):
+            quaternion = " ".join(f"{x:+.2f}" for x in matrix_to_quaternion(candidate.rotation))
+            table.add_row(
+                candidate.name + (" (truth)" if candidate.name == self._truth else ""),
+                f"{candidate.rating:.1f}",
+                f"{candidate.w0:.3f}",
+                f"{np.degrees(candidate.w1):.1f}",
+                f"{candidate.w2:.3f}",
+                quaternion,
+                f"{np.degrees(np.sqrt(candidate.variance)):.1f}" + (" settled" if candidate.converged else ""),
+            )
+        return table

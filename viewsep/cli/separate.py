@@ -1,0 +1,117 @@
+"""`viewsep separate`."""
+
+from __future__ import annotations
+
+import signal
+from pathlib import Path
+from types import FrameType
+from typing import Annotated
+
+import typer
+
+from viewsep.cli.console import people, print_json
+from viewsep.cli.live import LiveTable
+from viewsep.config import Config, load_config
+from viewsep.errors import BadInput
+from viewsep.messages import Outcome
+from viewsep.models.library import load_library
+from viewsep.session import Session
+from viewsep.task import Answer, Task, held_object, run_task
+
+EXIT_CODES = {Outcome.IDENTIFIED: 0, Outcome.UNDECIDED: 3, Outcome.FAILED: 4}
+EXIT_WRONG = 5
+EXIT_INTERRUPTED = 130
+
+
+def separate(
+    models: Annotated[Path, typer.Option(help="Library folder.", show_default=False)],
+    config: Annotated[Path | None, typer.Option(help="TOML configuration; see docs/config.")] = None,
+    truth: Annotated[str | None, typer.Option(help="Candidate that the simulated rig holds.")] = None,
+    source: Annotated[str | None, typer.Option("--object", help="Any object for the simulated rig to hold.")] = None,
+    candidates: Annotated[str | None, typer.Option(help="Comma-separated names.", show_default="all models")] = None,
+    interpreter: Annotated[str | None, typer.Option(help="Interpreter by name.", show_default="path")] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of grasp, start view, direction and disturbances.")] = 0,
+    record: Annotated[Path | None, typer.Option(help="Record the task to this MCAP file.")] = None,
+    force: Annotated[bool, typer.Option(help="Replace an existing recording.")] = False,
+    json: Annotated[bool, typer.Option("--json", help="Print the result as JSON.")] = False,
+) -> None:
+    """Turn the object until one candidate stands out, and say which it is.
+
+    Exit codes: 0 identified, 3 undecided, 4 failed, 5 identified but not as --truth, 2 bad input, 130 interrupted.
+
+    Examples:
+
+        viewsep separate --models library --truth tea --seed 1
+
+        viewsep separate --models library --truth tea --config turntable.toml --record run.mcap --json
+    """
+    settings = load_config(config) if config else Config()
+    if interpreter:
+        settings = settings.model_copy(
+            update={"interpreter": settings.interpreter.model_copy(update={"name": interpreter, "options": {}})}
+            if interpreter != settings.interpreter.name
+            else {}
+        )
+    known = load_library(models, candidate_names(candidates))
+    held, name = held_object(known, truth, source)
+    task = Task(held, name, seed, record, force)
+    interrupted: list[int] = []
+    with LiveTable(name) as table:
+        answer = run_task(task, settings, known, [table], lambda session: _cancel_on_interrupt(session, interrupted))
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    if json:
+        print_json(answer.as_dict())
+    else:
+        tell(answer)
+    if interrupted:
+        raise typer.Exit(EXIT_INTERRUPTED)
+    raise typer.Exit(exit_code(answer))
+
+
+def candidate_names(text: str | None) -> list[str]:
+    """Names from a comma-separated option; all candidates for None. Raises BadInput."""
+    if text is None:
+        return []
+    names = [name.strip() for name in text.split(",")]
+    if not all(names):
+        raise BadInput(f"--candidates {text!r} has an empty name: write e.g. --candidates tea,tea_decaf")
+    return names
+
+
+def exit_code(answer: Answer) -> int:
+    """0 identified, 3 undecided, 4 failed, 5 identified wrongly."""
+    if answer.task.truth and answer.correct is False:
+        return EXIT_WRONG
+    return EXIT_CODES[answer.result.outcome]
+
+
+def tell(answer: Answer) -> None:
+    """The answer as sentences."""
+    said = answer.as_dict()
+    if answer.result.object:
+        verdict = {True: " (right)", False: f" (wrong: it is {answer.task.truth})", None: ""}[
+            answer.correct if answer.task.truth else None
+        ]
+        people.print(f"It is [bold]{answer.result.object}[/bold]{verdict}: {answer.result.reason}.", soft_wrap=True)
+    else:
+        people.print(f"[bold]{answer.result.outcome.value}[/bold]: {answer.result.reason}.", soft_wrap=True)
+    pose = "" if said["pose_error_deg"] is None else f", pose error {said['pose_error_deg']:.1f}°"
+    people.print(
+        f"{said['looks']} looks, {said['travel_deg']:.0f}° of travel, {said['comparisons']} comparisons{pose} "
+        "(simulated rig)",
+        highlight=False,
+    )
+    if said["recording"]:
+        people.print(f"recording: {said['recording']}", soft_wrap=True)
+
+
+def _cancel_on_interrupt(session: Session, interrupted: list[int]) -> None:
+    """The first Ctrl-C ends the task in good order, the second one at once."""
+
+    def handle(number: int, _frame: FrameType | None) -> None:
+        if interrupted:
+            raise KeyboardInterrupt
+        interrupted.append(number)
+        session.cancel("Ctrl-C")
+
+    signal.signal(signal.SIGINT, handle)

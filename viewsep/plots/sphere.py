@@ -1,0 +1,144 @@
+"""A view sphere on paper: an orthographic look at the unit sphere, with its nodes, values and paths.
+
+Everything is given in the control frame. What lies behind the sphere is drawn faintly or left out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from matplotlib.colors import Colormap, Normalize
+from matplotlib.patches import Circle
+from scipy.spatial import cKDTree
+
+from viewsep.geometry import great_circle, perpendicular, unit
+from viewsep.messages import Array, FloatArray
+
+RASTER_PX = 320
+ARC_STEP_RAD = float(np.radians(3.0))
+MIN_TILT_RAD = float(np.radians(25.0))  # paths at the viewer's own height would be seen edge-on, as a straight line
+OUTLINE, GRAPH = "0.45", "0.72"
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class SphereView:
+    """Where the viewer stands: the rows of `axes` (3, 3) point right, up and towards the viewer."""
+
+    axes: FloatArray
+
+    @staticmethod
+    def facing(directions: FloatArray) -> SphereView:
+        """A view of the side most of the directions (N, 3) lie on, the control frame's z axis up."""
+        mean = directions.sum(axis=0) if len(directions) else np.ones(3)
+        towards = unit(mean) if np.linalg.norm(mean) > 1e-6 else perpendicular(directions[0])
+        flat = np.hypot(towards[0], towards[1])
+        if abs(towards[2]) < np.sin(MIN_TILT_RAD):
+            raised = np.copysign(np.sin(MIN_TILT_RAD), towards[2])
+            towards = np.array([*(towards[:2] * np.cos(MIN_TILT_RAD) / flat), raised])
+        right = unit(np.array([-towards[1], towards[0], 0.0])) if flat > 1e-9 else np.array([0.0, 1.0, 0.0])
+        return SphereView(np.stack([right, np.cross(towards, right), towards]))
+
+    def from_behind(self) -> SphereView:
+        """The view of the other half, from the opposite point, with the same axis up."""
+        return SphereView(self.axes * np.array([[-1.0], [1.0], [-1.0]]))
+
+    def project(self, directions: FloatArray) -> tuple[FloatArray, Array]:
+        """Directions (N, 3) -> positions on the paper (N, 2) and (N,) True on the visible half."""
+        seen = directions @ self.axes.T
+        return seen[:, :2], seen[:, 2] >= 0.0
+
+
+def draw_globe(axes: Axes, view: SphereView, *, shaded: bool = True) -> None:
+    """The outline of the sphere and, in a corner, the control frame's axes as the viewer sees them."""
+    axes.set_aspect("equal")
+    axes.set_axis_off()
+    axes.set_xlim(-1.09, 1.09)
+    axes.set_ylim(-1.09, 1.09)
+    axes.add_patch(Circle((0, 0), 1.0, facecolor="0.975" if shaded else "none", edgecolor=OUTLINE, lw=1.0, zorder=0.5))
+    corner = np.array([-0.88, -0.88])
+    tips, _ = view.project(np.eye(3))
+    for tip, name in zip(tips, "xyz", strict=True):
+        axes.plot(*np.stack([corner, corner + 0.13 * tip], axis=1), color=OUTLINE, lw=1.2, solid_capstyle="round")
+        if np.linalg.norm(tip) > 0.25:
+            x, y = corner + 0.13 * tip + 0.06 * unit(tip)
+            axes.text(x, y, name, size=8, color=OUTLINE, ha="center", va="center")
+
+
+def draw_graph(axes: Axes, view: SphereView, directions: FloatArray, edges: Array, *, colour: str = GRAPH) -> None:
+    """The visible nodes (N, 3) of an aspect graph and the edges (E, 2) between them."""
+    at, front = view.project(directions)
+    shown = edges[front[edges].all(axis=1)]
+    axes.add_collection(LineCollection(list(at[shown]), colors=colour, linewidths=0.4, zorder=1.0))
+    axes.plot(*at[front].T, ".", color=colour, ms=3.5, zorder=1.1)
+
+
+def draw_values(
+    axes: Axes, view: SphereView, directions: FloatArray, values: FloatArray, norm: Normalize, colours: Colormap
+) -> None:
+    """Every point of the visible half in the colour of its nearest node's value (Fig. 5a). `values` is (N,)."""
+    line = np.linspace(-1.0, 1.0, RASTER_PX)
+    x, y = np.meshgrid(line, line)
+    inside = x * x + y * y <= 1.0
+    seen = np.stack([x, y, np.sqrt(np.clip(1.0 - x * x - y * y, 0.0, None))], axis=-1)[inside]
+    raster = np.full(inside.shape, np.nan)
+    raster[inside] = values[cKDTree(directions).query(seen @ view.axes)[1]]
+    picture = axes.imshow(raster, origin="lower", extent=(-1, 1, -1, 1), norm=norm, cmap=colours, zorder=0.4)
+    picture.set_clip_path(Circle((0, 0), 1.0, transform=axes.transData))
+
+
+def draw_path(
+    axes: Axes,
+    view: SphereView,
+    directions: FloatArray,
+    *,
+    colour: str,
+    width: float,
+    alpha: float = 1.0,
+    behind: float = 0.0,
+    order: float = 2.0,
+) -> None:
+    """Arcs through the directions (N, 3); the hidden part with `behind` times the opacity, left out at 0."""
+    points = along_arcs(directions)
+    at, front = view.project(points)
+    for part, strength, below in ((front, 1.0, 0.0), (~front, behind, 1.0)):
+        if strength > 0.0 and part.any():
+            line = np.where(part[:, None], at, np.nan)
+            axes.plot(*line.T, color=colour, lw=width, alpha=alpha * strength, zorder=order - below)
+
+
+def draw_marks(
+    axes: Axes,
+    view: SphereView,
+    directions: FloatArray,
+    *,
+    marker: str,
+    colour: str,
+    size: float,
+    labels: Sequence[str] = (),
+    behind: bool = False,
+) -> None:
+    """A mark at each direction (N, 3), with a label beside it; hidden ones hollow with `behind`, else left out."""
+    at, front = view.project(directions)
+    for i, position in enumerate(at):
+        if not front[i] and not behind:
+            continue
+        face = colour if front[i] else "white"
+        edge = "black" if front[i] else colour
+        axes.plot(*position, marker, mfc=face, mec=edge, mew=0.9, ms=size, zorder=6.0)
+        if i < len(labels):
+            offset = (0.55 * size, 0.45 * size)
+            note = axes.annotate(labels[i], position, offset, textcoords="offset points", size=9, weight="bold")
+            note.set(zorder=7.0, bbox={"boxstyle": "round,pad=0.1", "fc": "white", "ec": "none", "alpha": 0.75})
+
+
+def along_arcs(directions: FloatArray) -> FloatArray:
+    """(M, 3) points at most 3° apart on the great-circle arcs through the directions (N, 3)."""
+    if len(directions) < 2:
+        return directions
+    arcs = [great_circle(a, b, ARC_STEP_RAD) for a, b in pairwise(directions) if not np.array_equal(a, b)]
+    return np.concatenate([directions[:1], *arcs])

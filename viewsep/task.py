@@ -1,0 +1,127 @@
+"""One separation task on the simulated rig, from models to a scored answer."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from viewsep.assembly import make_engine
+from viewsep.config import Config
+from viewsep.errors import BadInput
+from viewsep.geometry import matrix_to_quaternion, rotation_angle
+from viewsep.interfaces import Listener
+from viewsep.messages import Result
+from viewsep.models.aspect_graph import AspectGraph
+from viewsep.plugins import make_descriptor
+from viewsep.recording import task_recorder
+from viewsep.rigs import pace_of, simulated_rig
+from viewsep.session import Session
+
+
+@dataclass(frozen=True, slots=True)
+class Task:
+    """What to do: the object in the simulated holder (`source`), its model's name (`truth`, empty if it has none), seed.
+
+    `record` is where the recording goes, None for none.
+    """
+
+    source: str
+    truth: str
+    seed: int
+    record: Path | None = None
+    overwrite: bool = False
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Answer:
+    """The engine's result beside the truth. `pose_error_rad` is nan where the truth is not among the candidates."""
+
+    task: Task
+    result: Result
+    correct: bool | None
+    pose_error_rad: float
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON: degrees, quaternion x, y, z, w."""
+        result = self.result
+        return {
+            "outcome": result.outcome.value,
+            "object": result.object or None,
+            "reason": result.reason,
+            "truth": self.task.truth or None,
+            "correct": self.correct,
+            "ratings": dict(result.ratings),
+            "pose_quaternion_xyzw": matrix_to_quaternion(result.rotation).tolist(),
+            "pose_error_deg": None if np.isnan(self.pose_error_rad) else float(np.degrees(self.pose_error_rad)),
+            "looks": result.looks,
+            "travel_deg": float(np.degrees(result.travel_rad)),
+            "comparisons": result.comparisons,
+            "seed": self.task.seed,
+            "simulated": True,
+            "recording": str(self.task.record) if self.task.record else None,
+        }
+
+
+def held_object(models: Sequence[AspectGraph], truth: str | None, source: str | None) -> tuple[str, str]:
+    """Source and model name of what the simulated rig holds: `truth` names a candidate, or `source` any object.
+
+    Raises BadInput when neither or both are given, or the truth is not a candidate.
+    """
+    if (truth is None) == (source is None):
+        raise BadInput(
+            "the simulated rig must hold something: give --truth NAME (a candidate) or --object SOURCE (a mesh, or "
+            "generated:SEED), not both"
+        )
+    if source is not None:
+        return source, ""
+    for model in models:
+        if model.name == truth:
+            return model.provenance.source, model.name
+    raise BadInput(f"--truth {truth!r} is not a candidate: choose one of {', '.join(m.name for m in models)}")
+
+
+def run_task(
+    task: Task,
+    config: Config,
+    models: Sequence[AspectGraph],
+    listeners: Sequence[Listener] = (),
+    on_start: Callable[[Session], None] = lambda _session: None,
+) -> Answer:
+    """Carry out a task. `on_start` gets the session before it runs, so that it can be cancelled.
+
+    Raises BadInput, BadMesh, RigError. A recording is finished whatever happens.
+    """
+    engine = make_engine(config, models)
+    simulated = simulated_rig(config, task.source, task.seed)
+    _check_source(task, models, simulated.object_digest)
+    session = Session(simulated.rig, engine, make_descriptor(config.descriptor), pace_of(config), listeners)
+    if task.record is None:
+        with session:
+            on_start(session)
+            result = session.run(task.seed)
+    else:
+        recorder = task_recorder(task.record, config, models, task.seed, task.truth, overwrite=task.overwrite)
+        with recorder:
+            session.listeners = (*listeners, recorder)
+            with session:
+                on_start(session)
+                result = session.run(task.seed)
+    error = np.nan
+    if task.truth:
+        error = float(rotation_angle(result.rotation, simulated.true_rotation(result.stamp_ns)))
+    correct = result.object == task.truth if result.object else None
+    return Answer(task, result, correct, error)
+
+
+def _check_source(task: Task, models: Sequence[AspectGraph], digest: str) -> None:
+    """The mesh must still be the one the model was learned from."""
+    for model in models:
+        if model.name == task.truth and model.provenance.source_digest != digest:
+            raise BadInput(
+                f"{task.source} has changed since model {model.name!r} was learned from it: learn it again, or name "
+                "the object with --object"
+            )
