@@ -8,7 +8,7 @@ from viewsep.errors import NotConnected, Timeout
 from viewsep.messages import Frame
 from viewsep.sim.disturbances import disturbed
 from viewsep.sim.render import MeshRenderer
-from viewsep.sim.world import MEMORY_S, SimWorld
+from viewsep.sim.world import MEMORY_S, STEP_NS, SimWorld
 
 
 class SimCamera:
@@ -24,12 +24,14 @@ class SimCamera:
         self._seed = seed
         self._connected = False
         self._drops = 0
-        self._last = -1
+        self._first = self._last = 0
 
     def connect(self) -> None:
         """Open the world."""
         self._world.open()
         self._connected = True
+        self._drops = 0
+        self._first = self._last = self._world.clock.now_ns() // self._period_ns
 
     def read(self, newer_than_ns: int, timeout_s: float) -> Frame:
         """The first exposure after `newer_than_ns` that is not lost; waits in simulated time."""
@@ -37,16 +39,18 @@ class SimCamera:
             raise NotConnected("the simulated camera is not connected: call connect() first")
         d, clock = self._world.disturbances, self._world.clock
         deadline_ns = clock.now_ns() + round(timeout_s * 1e9)
-        oldest_ns = max(newer_than_ns, clock.now_ns() - round(MEMORY_S * 0.9e9), 0)
-        sequence = oldest_ns // self._period_ns + 1
-        while self._rng(sequence, 3).random() < d.drop_rate:
+        oldest_ns = max(newer_than_ns, clock.now_ns() - round(MEMORY_S * 0.9e9))
+        sequence = max(oldest_ns // self._period_ns, self._first) + 1
+        in_time = (deadline_ns - round(d.latency_s * 1e9)) // self._period_ns
+        while sequence <= in_time and self._rng(sequence, 3).random() < d.drop_rate:
             sequence += 1
         stamp_ns = sequence * self._period_ns
         arrival_ns = stamp_ns + round(d.latency_s * 1e9)
         if arrival_ns > deadline_ns:
             clock.sleep_until(deadline_ns)
             raise Timeout(f"the simulated camera delivered no frame within {timeout_s:g} s")
-        clock.sleep_until(arrival_ns)
+        seen_ns = -(-stamp_ns // STEP_NS) * STEP_NS  # where the object was is known when the physics has got that far
+        clock.sleep_until(max(arrival_ns, seen_ns))
         self._count_drops(sequence)
         image, mask = self._renderer.render(
             self._world.geometry.camera_direction, self._world.object_rotation(stamp_ns)
@@ -66,7 +70,7 @@ class SimCamera:
 
     def _count_drops(self, sequence: int) -> None:
         if self._world.disturbances.drop_rate > 0:
-            skipped = range(max(self._last + 1, 1), sequence)
+            skipped = range(self._last + 1, sequence)
             self._drops += sum(self._rng(k, 3).random() < self._world.disturbances.drop_rate for k in skipped)
         self._last = max(self._last, sequence)
 

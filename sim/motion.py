@@ -41,12 +41,12 @@ class SimMotion:
             raise MoveRefused(f"the rig has {len(limits)} joints, but {len(position_rad)} set-points were given")
         commanded = []
         for q, limit in zip(position_rad, limits, strict=True):
-            if not limit.lower_rad - 1e-6 <= q <= limit.upper_rad + 1e-6:
+            if not (np.isfinite(q) and limit.lower_rad - 1e-6 <= q <= limit.upper_rad + 1e-6):
                 raise MoveRefused(
                     f"joint {limit.name!r}: set-point {np.degrees(q):.2f} deg is outside "
                     f"[{np.degrees(limit.lower_rad):g}, {np.degrees(limit.upper_rad):g}] deg"
                 )
-            commanded.append(round(q / ENCODER_STEP_RAD) * ENCODER_STEP_RAD)
+            commanded.append(_rounded(q, limit))
         self._world.drive(commanded)
         return tuple(commanded)
 
@@ -100,3 +100,13 @@ class SimMotion:
             angles = angles + np.random.default_rng([self._seed, 2, stamp_ns]).normal(0.0, sigma, len(angles))
         angles = np.round(angles / ENCODER_STEP_RAD) * ENCODER_STEP_RAD
         return JointState(stamp_ns, tuple(angles.tolist()), self._world.setpoint_rad, moving)
+
+
+def _rounded(position_rad: float, limit: JointLimits) -> float:
+    """The encoder step nearest to a set-point within the limits."""
+    steps = round(position_rad / ENCODER_STEP_RAD)
+    if steps * ENCODER_STEP_RAD > limit.upper_rad:
+        steps -= 1
+    elif steps * ENCODER_STEP_RAD < limit.lower_rad:
+        steps += 1
+    return steps * ENCODER_STEP_RAD

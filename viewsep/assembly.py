@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from viewsep.config import Config, geometry_of
 from viewsep.engine.engine import Engine
 from viewsep.engine.state import TaskLimits
@@ -25,7 +27,12 @@ def make_engine(config: Config, models: Sequence[AspectGraph]) -> Engine:
     return Engine(
         make_interpreter(config.interpreter, models, descriptor),
         make_planner(config.planner, models, ReachableViews.of(geometry_of(config.rig))),
-        TaskLimits(config.task.max_looks, config.task.max_failed_moves, config.task.max_missing_frames),
+        TaskLimits(
+            look_every_rad=float(np.radians(config.task.look_every_deg)),
+            max_looks=config.task.max_looks,
+            max_failed_moves=config.task.max_failed_moves,
+            max_missing_frames=config.task.max_missing_frames,
+        ),
     )
 
 

@@ -62,6 +62,7 @@ class TaskConfig(Section):
     max_looks: int = Field(default=400, ge=1)
     max_failed_moves: int = Field(default=3, ge=1)
     max_missing_frames: int = Field(default=20, ge=1)
+    look_every_deg: float = Field(default=4.0, ge=0, le=45)
     looks_per_s: float = Field(default=4.0, gt=0, le=100)
     frame_timeout_s: float = Field(default=1.0, gt=0)
     move_timeout_s: float = Field(default=15.0, gt=0)

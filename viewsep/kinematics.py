@@ -184,12 +184,13 @@ def preset(name: str, camera_elevation_deg: float | None = None) -> RigGeometry:
         raise BadConfig(f"unknown rig preset {name!r}: choose one of {', '.join(PRESETS)}")
     axes, joints, elevation = PRESETS[name]
     limits = [
-        JointLimits(joint, np.radians(lower), np.radians(upper), np.radians(60.0)) for joint, lower, upper in joints
+        JointLimits(joint, np.radians(lower), np.radians(upper), np.radians(PRESET_SPEED_DEG_S)) for joint, lower, upper in joints
     ]
     return rig_geometry(name, axes, limits, elevation if camera_elevation_deg is None else camera_elevation_deg)
 
 
 _FREE = np.inf
+PRESET_SPEED_DEG_S = 20.0  # at the four looks per second of the interpretation module, 5° lie between looks
 PRESETS: dict[str, tuple[list[list[float]], list[tuple[str, float, float]], float]] = {
     # name: axes, (joint, lower deg, upper deg), camera elevation deg
     "turntable": ([[0, 0, 1]], [("pan", -_FREE, _FREE)], 25.0),

@@ -78,7 +78,7 @@ class Engine:
 
     def _see(self, state: EngineState, percept: Percept) -> Step:
         """One iteration of the interpretation module, then the decision."""
-        if state.phase is Phase.STARTING:
+        if state.phase is Phase.STARTING or self._repeats(state, percept):
             return state, ()
         interpretation, belief = self.interpreter.update(state.interpretation, percept)
         assert state.view_direction is not None
@@ -106,6 +106,12 @@ class Engine:
         if state.dwelling:
             return self._go_on(replace(state, dwelling=False), state.view_direction)
         return state, ()
+
+    def _repeats(self, state: EngineState, percept: Percept) -> bool:
+        """Whether a percept shows what the last one showed and nothing waits for it."""
+        assert state.view_direction is not None
+        turned = angle_between(state.view_direction, percept.view_direction)
+        return state.looks > 0 and not state.dwelling and bool(turned < self.limits.look_every_rad)
 
     def _arrive(self, state: EngineState, stamp_ns: int) -> Step:
         """The move has settled: judge at a separating view, otherwise go on."""

@@ -11,8 +11,13 @@ from viewsep.messages import Estimate, FloatArray, MoveTo, Phase, Result
 
 @dataclass(frozen=True, slots=True)
 class TaskLimits:
-    """When the engine gives up: looks (the seed's 400 iterations), moves and frames that fail in a row."""
+    """When the engine gives up: looks (the seed's 400 iterations), moves and frames that fail in a row.
 
+    `look_every_rad` is how far the view must have turned to be looked at again: a percept that repeats the last one
+    is no further evidence.
+    """
+
+    look_every_rad: float = 0.07
     max_looks: int = 400
     max_failed_moves: int = 3
     max_missing_frames: int = 20

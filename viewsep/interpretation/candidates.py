@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from viewsep.errors import BadInput
+from viewsep.geometry import angle_between
 from viewsep.messages import Array, FloatArray
 from viewsep.models.aspect_graph import AspectGraph
 
@@ -17,7 +18,7 @@ class Candidates:
     """K candidates with M nodes together.
 
     `directions` (M, 3) float64, `features` (M, D) float32, `neighbours` (M, J) int32 (column 0 the node itself, -1 is
-    padding), `owner` (M,) int32 the candidate a node belongs to.
+    padding), `owner` (M,) int32 the candidate a node belongs to, `spacing_rad` the mean angle between neighbours.
     """
 
     names: tuple[str, ...]
@@ -25,6 +26,7 @@ class Candidates:
     features: Array
     neighbours: Array
     owner: Array
+    spacing_rad: float
 
     @staticmethod
     def of(models: Sequence[AspectGraph]) -> Candidates:
@@ -52,5 +54,12 @@ class Candidates:
             directions=np.concatenate([model.directions for model in models]),
             features=np.concatenate([model.features for model in models]),
             neighbours=np.concatenate(stacked).astype(np.int32),
+            spacing_rad=float(np.mean([_mean_edge(model) for model in models])),
             owner=np.repeat(np.arange(len(models), dtype=np.int32), [len(table) for table in tables]),
         )
+
+
+def _mean_edge(model: AspectGraph) -> float:
+    """Mean angle between neighbouring views in radians."""
+    a, b = model.edges.T
+    return float(angle_between(model.directions[a], model.directions[b]).mean())

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from viewsep.geometry import angle_between
 from viewsep.interpretation.candidates import Candidates
 from viewsep.messages import Array, FloatArray
 
@@ -61,6 +62,24 @@ def grow(hits: Array, parent: Array, node: Array, *, loop_free: bool) -> Array:
         returned = np.logical_or.accumulate(grown == node[:, None], axis=1)
         grown = np.where(returned, node[:, None], grown)
     return grown
+
+
+def without_loop(controlled: FloatArray, spacing_rad: float) -> FloatArray:
+    """The controlled path (H, 3) with its last loop removed, as it is from the hypotheses.
+
+    The paper restricts the movement to be loop-free; on a long search it is not, and hypotheses that lost their loops
+    could not follow it any more. A loop closes where the path comes back within half a node spacing of itself after
+    two spacings or more; its hits go to the view it returns to.
+    """
+    returned = angle_between(controlled, controlled[-1]) < 0.5 * spacing_rad
+    steps = angle_between(controlled[1:], controlled[:-1])
+    length_since = np.append(steps[::-1].cumsum()[::-1], 0.0)
+    returned &= length_since > 2.0 * spacing_rad
+    if not returned.any():
+        return controlled
+    cut = controlled.copy()
+    cut[int(np.argmax(returned)) :] = controlled[-1]
+    return cut
 
 
 def path_elements(hits: Array) -> Array:

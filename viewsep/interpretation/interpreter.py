@@ -12,7 +12,7 @@ from viewsep.geometry import mean_rotation
 from viewsep.interfaces import Descriptor, Interpretation
 from viewsep.interpretation.candidates import Candidates
 from viewsep.interpretation.convergence import WINDOW, running_variance
-from viewsep.interpretation.hypotheses import Hypotheses, children_of, distinct_paths, grow, most_similar_child
+from viewsep.interpretation.hypotheses import Hypotheses, children_of, distinct_paths, grow, most_similar_child, without_loop
 from viewsep.interpretation.rating import accumulated_similarity, best_per_candidate, mean_position, path_course
 from viewsep.interpretation.transformation import align_start_and_end, align_whole_path
 from viewsep.messages import Array, CandidateEstimate, Estimate, FloatArray, Percept, Phase
@@ -86,6 +86,8 @@ class PathInterpreter:
     def update(self, state: PathState, percept: Percept) -> tuple[PathState, Interpretation]:
         """One iteration: grow the paths, rate them, keep the best N_hypo of every candidate."""
         controlled = np.concatenate([state.controlled, percept.view_direction[None]])
+        if self._loop_free:
+            controlled = without_loop(controlled, self.candidates.spacing_rad)
         hits, similarity, comparisons = self._grow(state.hypotheses, percept.feature)
         best_similarity = np.fmax(state.best_similarity, similarity)
         hypotheses = self._rate(hits, controlled, similarity, best_similarity)
@@ -98,6 +100,10 @@ class PathInterpreter:
         """(P,) index of the candidate each hypothesis belongs to."""
         owner: Array = self.candidates.owner[hypotheses.hits[:, -1]]
         return owner
+
+    @property
+    def _loop_free(self) -> bool:
+        return self.options.variant in ("loop_free", "accumulated")
 
     def _grow(self, hypotheses: Hypotheses | None, feature: Array) -> tuple[Array, FloatArray, int]:
         """New paths (C, H), similarity of the view to every node (M,) (nan where not compared), comparisons made."""
@@ -112,9 +118,8 @@ class PathInterpreter:
         if self.options.variant == "initial":
             chosen = most_similar_child(parent, node, similarity)
             parent, node = parent[chosen], node[chosen]
-        loop_free = self.options.variant in ("loop_free", "accumulated")
-        hits = grow(hypotheses.hits, parent, node, loop_free=loop_free)
-        if loop_free:
+        hits = grow(hypotheses.hits, parent, node, loop_free=self._loop_free)
+        if self._loop_free:
             hits = hits[distinct_paths(hits)]
         return hits, similarity, len(compared)
 

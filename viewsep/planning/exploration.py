@@ -19,7 +19,7 @@ from viewsep.messages import FloatArray
 from viewsep.planning.reachable import ReachableViews
 
 POLE_RAD = np.radians(75.0)
-PRECESSION_RAD = np.radians(1.5)  # per step, so that a second turn shows new views
+PRECESSION_RAD = np.radians(1.5)  # of the great circle's plane per step, so that a second turn shows new views
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,24 +58,27 @@ class SphericalExploration:
 class GeodesicExploration:
     """Straight ahead on great circles that slowly turn, away from the control frame's poles and the rig's limits.
 
-    `tangent` (3,) is the heading at the view it was last used at.
+    `tangent` (3,) is the heading at the view it was last used at. The circles' plane turns about `pivot` (3,), which
+    lies in it: a turn of the heading that is the same everywhere would only bend the path to one smaller circle.
     """
 
     tangent: FloatArray
     step_rad: float
+    pivot: FloatArray
 
     @staticmethod
     def start(rng: np.random.Generator, view: FloatArray, step_rad: float) -> GeodesicExploration:
         """In a random direction from `view`."""
         heading = axis_rotation(view, rng.uniform(0.0, 2.0 * np.pi)) @ perpendicular(view)
-        return GeodesicExploration(heading, step_rad)
+        return GeodesicExploration(heading, step_rad, view)
 
     def next_view(self, view: FloatArray, reachable: ReachableViews) -> tuple[GeodesicExploration, FloatArray]:
         """One step ahead, or as little to the side as the limits ask for."""
         ahead = tangent_towards(view, move_along(view, self.tangent, self.step_rad))
+        precession = 2.0 * PRECESSION_RAD * float(self.pivot @ view)  # how a path bends on a sphere that turns
         best, best_turn = view, np.inf
         for turn in np.radians([0, 15, -15, 30, -30, 50, -50, 75, -75, 105, -105, 140, -140, 180]):
-            heading = axis_rotation(view, turn + PRECESSION_RAD) @ ahead
+            heading = axis_rotation(view, turn + precession) @ ahead
             target = reachable.nearest(move_along(view, heading, self.step_rad))
             travelled = angle_between(view, target)
             leaves_pole = abs(azimuth_elevation(target)[1]) <= max(POLE_RAD, abs(azimuth_elevation(view)[1]))

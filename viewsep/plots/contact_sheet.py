@@ -7,8 +7,10 @@ from contextlib import suppress
 from io import BytesIO
 from pathlib import Path
 
+import cv2
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from viewsep.errors import BadInput
@@ -54,10 +56,13 @@ def contact_sheet(models: Sequence[AspectGraph], path: Path) -> None:
 def write_png(figure: Figure, path: Path) -> None:
     """Write the figure under a temporary name and rename it to `path`. Raises BadInput where that is impossible."""
     buffer = BytesIO()
-    figure.savefig(buffer, format="png")
+    figure.savefig(buffer, format="rgba")
+    width, _ = FigureCanvasAgg(figure).get_width_height()
+    picture = cv2.cvtColor(np.frombuffer(buffer.getvalue(), np.uint8).reshape(-1, width, 4), cv2.COLOR_RGBA2BGR)
+    data = cv2.imencode(".png", picture, [cv2.IMWRITE_PNG_COMPRESSION, 9])[1].tobytes()  # without alpha: smaller
     partial = path.parent / f"{path.name}.part"
     try:
-        partial.write_bytes(buffer.getvalue())
+        partial.write_bytes(data)
         partial.replace(path)
     except OSError as error:
         with suppress(OSError):
@@ -71,6 +76,11 @@ def sheet_order(directions: FloatArray) -> Array:
     ring = np.floor((np.pi / 2 - elevation) / RING_RAD)
     azimuth = np.arctan2(directions[:, 1], directions[:, 0]) % (2.0 * np.pi)
     return np.lexsort((azimuth, ring))
+
+
+def short_name(name: str, most: int = 30) -> str:
+    """`name`, without its middle where it is longer than `most`: those of look-alikes often differ at the end."""
+    return name if len(name) <= most else f"{name[: most // 2]}…{name[-(most // 2 - 1) :]}"
 
 
 def _sheet(model: AspectGraph) -> Array:
@@ -104,9 +114,8 @@ def _tile(thumbnail: Array) -> Array:
 def _draw(axes: Axes, model: AspectGraph, sheet: Array) -> None:
     views = len(model.directions)
     shown = f", {SHOWN} shown" if views > SHOWN else ""
-    name = model.name if len(model.name) <= 48 else f"{model.name[:47]}…"
     axes.imshow(sheet, interpolation="nearest")
     axes.set_axis_off()
-    axes.set_title(name, size=13, weight="bold", loc="left", pad=21, parse_math=False)
+    axes.set_title(short_name(model.name, 48), size=13, weight="bold", loc="left", pad=21, parse_math=False)
     says = f"{views} views{shown} · descriptor {model.descriptor} · digest {model.digest[:12]}"
     axes.text(0.0, 1.0, f"{says}\n", transform=axes.transAxes, size=9.5, color="0.3", va="center", parse_math=False)

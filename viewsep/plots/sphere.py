@@ -10,19 +10,27 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
-from matplotlib.colors import Colormap, Normalize
+from matplotlib.colors import Normalize
+from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
 from scipy.spatial import cKDTree
 
-from viewsep.geometry import great_circle, perpendicular, unit
+from viewsep.geometry import delaunay_edges, great_circle, perpendicular, unit
 from viewsep.messages import Array, FloatArray
 
+RED = "#D55E00"  # the paper's controlled path; all colours are Okabe and Ito's, for any kind of sight
+YELLOW = "#F0E442"
+VALUES = colormaps["cividis"]
 RASTER_PX = 320
 ARC_STEP_RAD = float(np.radians(3.0))
 MIN_TILT_RAD = float(np.radians(25.0))  # paths at the viewer's own height would be seen edge-on, as a straight line
-OUTLINE, GRAPH = "0.45", "0.72"
+FAINT = 0.3  # opacity of what lies behind the sphere
+OUTLINE = "0.45"
+LONG = 100  # looks; longer paths are drawn thinner
+MOST_NUMBERS = 6  # more separating views than these stay without numbers
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -53,13 +61,17 @@ class SphereView:
         return seen[:, :2], seen[:, 2] >= 0.0
 
 
-def draw_globe(axes: Axes, view: SphereView, *, shaded: bool = True) -> None:
-    """The outline of the sphere and, in a corner, the control frame's axes as the viewer sees them."""
+def draw_globe(axes: Axes, view: SphereView, *, name: str = "") -> None:
+    """The outline of the sphere and, in a corner, the control frame's axes as the viewer sees them.
+
+    `name` says which side it is.
+    """
     axes.set_aspect("equal")
     axes.set_axis_off()
     axes.set_xlim(-1.09, 1.09)
     axes.set_ylim(-1.09, 1.09)
-    axes.add_patch(Circle((0, 0), 1.0, facecolor="0.975" if shaded else "none", edgecolor=OUTLINE, lw=1.0, zorder=0.5))
+    axes.text(1.0, -1.04, name, size=9.5, color=OUTLINE, ha="right")
+    axes.add_patch(Circle((0, 0), 1.0, facecolor="0.975", edgecolor=OUTLINE, lw=1.0, zorder=0.3))
     corner = np.array([-0.88, -0.88])
     tips, _ = view.project(np.eye(3))
     for tip, name in zip(tips, "xyz", strict=True):
@@ -69,7 +81,7 @@ def draw_globe(axes: Axes, view: SphereView, *, shaded: bool = True) -> None:
             axes.text(x, y, name, size=8, color=OUTLINE, ha="center", va="center")
 
 
-def draw_graph(axes: Axes, view: SphereView, directions: FloatArray, edges: Array, *, colour: str = GRAPH) -> None:
+def draw_graph(axes: Axes, view: SphereView, directions: FloatArray, edges: Array, *, colour: str = "0.72") -> None:
     """The visible nodes (N, 3) of an aspect graph and the edges (E, 2) between them."""
     at, front = view.project(directions)
     shown = edges[front[edges].all(axis=1)]
@@ -77,18 +89,17 @@ def draw_graph(axes: Axes, view: SphereView, directions: FloatArray, edges: Arra
     axes.plot(*at[front].T, ".", color=colour, ms=3.5, zorder=1.1)
 
 
-def draw_values(
-    axes: Axes, view: SphereView, directions: FloatArray, values: FloatArray, norm: Normalize, colours: Colormap
-) -> None:
-    """Every point of the visible half in the colour of its nearest node's value (Fig. 5a). `values` is (N,)."""
+def draw_values(axes: Axes, view: SphereView, directions: FloatArray, values: FloatArray, norm: Normalize) -> None:
+    """Every point of the visible half in the colour of its nearest node's value (N,), and the graph (Fig. 5a)."""
     line = np.linspace(-1.0, 1.0, RASTER_PX)
     x, y = np.meshgrid(line, line)
     inside = x * x + y * y <= 1.0
     seen = np.stack([x, y, np.sqrt(np.clip(1.0 - x * x - y * y, 0.0, None))], axis=-1)[inside]
     raster = np.full(inside.shape, np.nan)
     raster[inside] = values[cKDTree(directions).query(seen @ view.axes)[1]]
-    picture = axes.imshow(raster, origin="lower", extent=(-1, 1, -1, 1), norm=norm, cmap=colours, zorder=0.4)
+    picture = axes.imshow(raster, origin="lower", extent=(-1, 1, -1, 1), norm=norm, cmap=VALUES, zorder=0.4)
     picture.set_clip_path(Circle((0, 0), 1.0, transform=axes.transData))
+    draw_graph(axes, view, directions, delaunay_edges(directions), colour="0.8")
 
 
 def draw_path(
@@ -127,8 +138,8 @@ def draw_marks(
     for i, position in enumerate(at):
         if not front[i] and not behind:
             continue
-        face = colour if front[i] else "white"
-        edge = "black" if front[i] else colour
+        face = colour if front[i] else "none"
+        edge = "black" if front[i] else "0.55"
         axes.plot(*position, marker, mfc=face, mec=edge, mew=0.9, ms=size, zorder=6.0)
         if i < len(labels):
             offset = (0.55 * size, 0.45 * size)
@@ -136,9 +147,58 @@ def draw_marks(
             note.set(zorder=7.0, bbox={"boxstyle": "round,pad=0.1", "fc": "white", "ec": "none", "alpha": 0.75})
 
 
+@dataclass(frozen=True, eq=False, slots=True)
+class Landmarks:
+    """What is marked on every sphere: the controlled path (H, 3) and the separating views (T, 3), in order."""
+
+    controlled: FloatArray
+    separating: FloatArray
+
+    def draw(self, axes: Axes, view: SphereView, *, see_through: bool = False) -> None:
+        """The path in red with its first and last view, the separating views as stars, numbered where several."""
+        width, behind = (1.8, FAINT) if len(self.controlled) <= LONG else (1.1, 0.5 * FAINT)
+        behind = behind if see_through else 0.0
+        draw_path(axes, view, self.controlled, colour=RED, width=width, behind=behind, order=2.4)
+        draw_marks(axes, view, self.controlled[:1], marker="o", colour="white", size=8, behind=see_through)
+        draw_marks(axes, view, self.controlled[-1:], marker="s", colour=RED, size=7, behind=see_through)
+        count = len(self.separating)
+        labels = [str(i + 1) for i in range(count)] if 1 < count <= MOST_NUMBERS else []
+        draw_marks(axes, view, self.separating, marker="*", colour=YELLOW, size=15, labels=labels, behind=see_through)
+
+
+def draw_hypotheses(axes: Axes, view: SphereView, paths: Sequence[FloatArray], *, colour: str) -> None:
+    """Transformed path hypotheses (H, 3), the best one first and thick, all of it (Figs. 3, 5b, 5c)."""
+    for path in paths[1:]:
+        draw_path(axes, view, path, colour=colour, width=1.0, alpha=0.22)
+    for path in paths[:1]:
+        draw_path(axes, view, path, colour=colour, width=2.6, behind=FAINT, order=2.2)
+
+
+def draw_distances(axes: Axes, view: SphereView, controlled: FloatArray, path: FloatArray, *, colour: str) -> None:
+    """Thin arcs from each view of the controlled path (H, 3) to the hypothesis' node (H, 3) at that hit (eq. 3)."""
+    alpha = float(np.clip(20.0 / len(path), 0.15, 0.6))  # long paths would otherwise hide everything
+    for pair in zip(controlled, path, strict=True):
+        draw_path(axes, view, np.array(pair), colour=colour, width=0.8, alpha=alpha)
+
+
+def legend() -> list[Line2D]:
+    """Handles that explain what is drawn on a candidate's sphere."""
+
+    def mark(marker: str, colour: str, size: float, label: str) -> Line2D:
+        return Line2D([], [], ls="", marker=marker, mfc=colour, mec="black", mew=0.9, ms=size, label=label)
+
+    return [
+        Line2D([], [], color=RED, lw=2, label="controlled path"),
+        mark("o", "white", 8, "start view"),
+        mark("s", RED, 7, "last view"),
+        mark("*", YELLOW, 14, "separating view"),
+        Line2D([], [], color="0.3", lw=2.6, label="best path hypothesis"),
+        Line2D([], [], color="0.3", lw=1, alpha=0.4, label="other hypotheses"),
+    ]
+
+
 def along_arcs(directions: FloatArray) -> FloatArray:
     """(M, 3) points at most 3° apart on the great-circle arcs through the directions (N, 3)."""
-    if len(directions) < 2:
-        return directions
-    arcs = [great_circle(a, b, ARC_STEP_RAD) for a, b in pairwise(directions) if not np.array_equal(a, b)]
-    return np.concatenate([directions[:1], *arcs])
+    moved = np.any(np.diff(directions, axis=0) != 0.0, axis=1)
+    stops = directions[np.concatenate([[True], moved])] if len(directions) else directions
+    return np.concatenate([stops[:1], *[great_circle(a, b, ARC_STEP_RAD) for a, b in pairwise(stops)]])
