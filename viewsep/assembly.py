@@ -29,6 +29,8 @@ def make_engine(config: Config, models: Sequence[AspectGraph]) -> Engine:
         make_planner(config.planner, models, ReachableViews.of(geometry_of(config.rig))),
         TaskLimits(
             look_every_rad=float(np.radians(config.task.look_every_deg)),
+            judge_within_rad=float(np.radians(config.task.judge_within_deg)),
+            confirming_looks=config.task.confirming_looks,
             max_looks=config.task.max_looks,
             max_failed_moves=config.task.max_failed_moves,
             max_missing_frames=config.task.max_missing_frames,

@@ -56,6 +56,24 @@ class PluginConfig(Section):
     options: dict[str, Any] = {}
 
 
+class DescriptorConfig(PluginConfig):
+    """The feature of a view."""
+
+    name: str = Field(default="cch", min_length=1)
+
+
+class InterpreterConfig(PluginConfig):
+    """The method that turns percepts into poses and ratings."""
+
+    name: str = Field(default="path", min_length=1)
+
+
+class PlannerConfig(PluginConfig):
+    """The method that chooses the next view."""
+
+    name: str = Field(default="separating", min_length=1)
+
+
 class TaskConfig(Section):
     """Budgets of a task. `looks_per_s` is the rate of the interpretation module (the seed: 3 to 5)."""
 
@@ -63,6 +81,8 @@ class TaskConfig(Section):
     max_failed_moves: int = Field(default=3, ge=1)
     max_missing_frames: int = Field(default=20, ge=1)
     look_every_deg: float = Field(default=4.0, ge=0, le=45)
+    confirming_looks: int = Field(default=3, ge=1)
+    judge_within_deg: float = Field(default=20.0, ge=0, le=180)
     looks_per_s: float = Field(default=4.0, gt=0, le=100)
     frame_timeout_s: float = Field(default=1.0, gt=0)
     move_timeout_s: float = Field(default=15.0, gt=0)
@@ -89,9 +109,9 @@ class Config(Section):
 
     rig: RigConfig = RigConfig()
     camera: CameraConfig = CameraConfig()
-    descriptor: PluginConfig = PluginConfig(name="cch")
-    interpreter: PluginConfig = PluginConfig(name="path")
-    planner: PluginConfig = PluginConfig(name="separating")
+    descriptor: DescriptorConfig = DescriptorConfig()
+    interpreter: InterpreterConfig = InterpreterConfig()
+    planner: PlannerConfig = PlannerConfig()
     task: TaskConfig = TaskConfig()
     sim: SimConfig = SimConfig()
 

@@ -132,7 +132,8 @@ class Interpretation:
 
     `estimate` fields other than phase, travel and target are filled by the interpreter; `rotations` is (K, 3, 3),
     one pose per candidate; `converged` is True when the poses are good enough to plan with; `plausible` is (K,) bool,
-    the candidates worth separating; `leader` is the index of the candidate that would be named if judged now, or -1.
+    the candidates worth separating; `leader` is the index of the candidate that would be named if judged now, or -1;
+    `fresh` is True while there is too little evidence since the interpreter (re)started: plans made before do not hold.
     """
 
     estimate: Estimate
@@ -140,6 +141,7 @@ class Interpretation:
     converged: bool
     plausible: Array
     leader: int
+    fresh: bool
 
 
 class Interpreter(Protocol):

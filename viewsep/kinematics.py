@@ -184,7 +184,8 @@ def preset(name: str, camera_elevation_deg: float | None = None) -> RigGeometry:
         raise BadConfig(f"unknown rig preset {name!r}: choose one of {', '.join(PRESETS)}")
     axes, joints, elevation = PRESETS[name]
     limits = [
-        JointLimits(joint, np.radians(lower), np.radians(upper), np.radians(PRESET_SPEED_DEG_S)) for joint, lower, upper in joints
+        JointLimits(joint, np.radians(lower), np.radians(upper), np.radians(PRESET_SPEED_DEG_S))
+        for joint, lower, upper in joints
     ]
     return rig_geometry(name, axes, limits, elevation if camera_elevation_deg is None else camera_elevation_deg)
 

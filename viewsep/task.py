@@ -24,7 +24,7 @@ from viewsep.session import Session
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """What to do: the object in the simulated holder (`source`), its model's name (`truth`, empty if it has none), seed.
+    """What to do: the object in the simulated holder (`source`), its model's name (`truth`, empty if none), the seed.
 
     `record` is where the recording goes, None for none.
     """

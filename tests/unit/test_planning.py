@@ -191,7 +191,7 @@ def model(name: str, *differences: tuple[FloatArray, float]) -> AspectGraph:
 
 def belief(rotations: FloatArray, converged: bool = True, plausible: Sequence[bool] | None = None) -> Interpretation:
     worth: Array = np.array([True] * len(rotations) if plausible is None else plausible)
-    return Interpretation(Estimate(0, 1, Phase.EXPLORING, (), 0, 0.0, None), rotations, converged, worth, 0)
+    return Interpretation(Estimate(0, 1, Phase.EXPLORING, (), 0, 0.0, None), rotations, converged, worth, 0, False)
 
 
 def upright(count: int) -> FloatArray:

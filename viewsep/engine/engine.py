@@ -91,15 +91,24 @@ class Engine:
             looks=state.looks + 1,
             travel_rad=state.travel_rad + travelled,
             comparisons=state.comparisons + belief.estimate.comparisons,
+            separating_view=None if belief.fresh else state.separating_view,
             missing_frames=0,
         )
         target = state.move_plan.target if state.move_plan else None
         state = replace(
             state,
-            estimate=replace(belief.estimate, phase=state.phase, travel_rad=state.travel_rad, target=target),
+            estimate=replace(
+                belief.estimate,
+                iteration=state.looks,
+                phase=state.phase,
+                travel_rad=state.travel_rad,
+                target=target,
+            ),
         )
-        if state.judging and belief.leader >= 0:
-            return self._end(state, identification(state, belief))
+        if self._judges(state, percept.view_direction):
+            state = replace(state, leads=_leads(state, belief.leader))
+            if belief.leader >= 0 and state.leads[1] >= self.limits.confirming_looks:
+                return self._end(state, identification(state, belief))
         if state.looks >= self.limits.max_looks:
             reason = f"no candidate stood out within {self.limits.max_looks} looks"
             return self._end(state, indecision(state, percept.stamp_ns, reason))
@@ -113,6 +122,12 @@ class Engine:
         turned = angle_between(state.view_direction, percept.view_direction)
         return state.looks > 0 and not state.dwelling and bool(turned < self.limits.look_every_rad)
 
+    def _judges(self, state: EngineState, view: FloatArray) -> bool:
+        """Whether `view` is one at which the rating decides."""
+        if state.separating_view is None:
+            return False
+        return bool(angle_between(state.separating_view, view) <= self.limits.judge_within_rad)
+
     def _arrive(self, state: EngineState, stamp_ns: int) -> Step:
         """The move has settled: judge at a separating view, otherwise go on."""
         assert state.move is not None
@@ -123,7 +138,7 @@ class Engine:
         if state.phase is Phase.STARTING:
             return self._go_on(replace(state, phase=Phase.EXPLORING), here)
         if arrives:  # wait for a percept from here before going on
-            return replace(state, phase=Phase.JUDGING, judging=True, dwelling=True, move=None), ()
+            return replace(state, phase=Phase.JUDGING, separating_view=here, dwelling=True, move=None), ()
         return self._go_on(state, here)
 
     def _go_on(self, state: EngineState, here: FloatArray | None) -> Step:
@@ -133,7 +148,7 @@ class Engine:
         state = replace(state, planning=planning)
         if plan.view_direction is None:
             return replace(state, move=None, move_plan=plan, dwelling=True), ()
-        return self._move(replace(state, phase=Phase.JUDGING if state.judging else plan.purpose), plan)
+        return self._move(replace(state, phase=plan.purpose), plan)
 
     def _move(self, state: EngineState, plan: NextView) -> Step:
         assert plan.view_direction is not None
@@ -162,3 +177,9 @@ class Engine:
         estimate = replace(state.estimate, phase=Phase.DONE) if state.estimate else None
         state = replace(state, phase=Phase.DONE, result=result, estimate=estimate, commands=state.commands + 1)
         return state, (Stop(state.commands - 1, result.outcome.value),)
+
+
+def _leads(state: EngineState, leader: int) -> tuple[int, int]:
+    """Who leads now, and at how many judged looks in a row."""
+    led_before, looks = state.leads
+    return leader, looks + 1 if leader == led_before else 1

@@ -14,10 +14,14 @@ class TaskLimits:
     """When the engine gives up: looks (the seed's 400 iterations), moves and frames that fail in a row.
 
     `look_every_rad` is how far the view must have turned to be looked at again: a percept that repeats the last one
-    is no further evidence.
+    is no further evidence. `judge_within_rad` is how close to the separating view that was reached last the rating
+    decides: further away the candidates look the same, and whoever leads there leads by chance. `confirming_looks` is
+    at how many such looks in a row a candidate must lead to be named.
     """
 
     look_every_rad: float = 0.07
+    judge_within_rad: float = 0.35
+    confirming_looks: int = 3
     max_looks: int = 400
     max_failed_moves: int = 3
     max_missing_frames: int = 20
@@ -25,7 +29,12 @@ class TaskLimits:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class EngineState:
-    """All the engine knows. `estimate` and `result` are what it last published, None before."""
+    """All the engine knows. `estimate` and `result` are what it last published, None before.
+
+    `view_direction` (3,) is that of the last look, `separating_view` (3,) the one reached last; `leads` says who led
+    at the last look that was judged (or -1) and at how many such looks in a row; `dwelling` means that the rig stands
+    and waits for a look.
+    """
 
     phase: Phase = Phase.IDLE
     interpretation: Any = None
@@ -34,7 +43,8 @@ class EngineState:
     view_direction: FloatArray | None = None
     move: MoveTo | None = None
     move_plan: NextView | None = None
-    judging: bool = False
+    separating_view: FloatArray | None = None
+    leads: tuple[int, int] = (-1, 0)
     dwelling: bool = False
     commands: int = 0
     looks: int = 0

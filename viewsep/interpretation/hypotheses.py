@@ -89,8 +89,12 @@ def path_elements(hits: Array) -> Array:
     return begins
 
 
-def distinct_paths(hits: Array) -> Array:
-    """Indices of paths that differ in their sequence of nodes or in its timing; of equal ones the first is kept."""
-    weights = np.random.default_rng(hits.shape[1]).integers(1, 2**62, hits.shape[1], dtype=np.int64)
-    _, first = np.unique(hits @ weights, return_index=True)
-    return np.sort(first)
+def distinct_paths(hits: Array, w1: FloatArray) -> Array:
+    """Indices of paths (C, H) that differ in their sequence of nodes; of equal ones that with the best timing (w1)."""
+    begins = path_elements(hits)
+    ordinal = np.cumsum(begins, axis=1) - 1
+    weights = np.random.default_rng(0).integers(1, 2**62, hits.shape[1], dtype=np.int64)
+    sequence = (begins * (hits + 1) * weights[ordinal]).sum(axis=1)
+    order = np.argsort(w1, kind="stable")
+    _, first = np.unique(sequence[order], return_index=True)
+    return np.sort(order[first])

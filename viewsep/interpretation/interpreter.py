@@ -12,7 +12,14 @@ from viewsep.geometry import mean_rotation
 from viewsep.interfaces import Descriptor, Interpretation
 from viewsep.interpretation.candidates import Candidates
 from viewsep.interpretation.convergence import WINDOW, running_variance
-from viewsep.interpretation.hypotheses import Hypotheses, children_of, distinct_paths, grow, most_similar_child, without_loop
+from viewsep.interpretation.hypotheses import (
+    Hypotheses,
+    children_of,
+    distinct_paths,
+    grow,
+    most_similar_child,
+    without_loop,
+)
 from viewsep.interpretation.rating import accumulated_similarity, best_per_candidate, mean_position, path_course
 from viewsep.interpretation.transformation import align_start_and_end, align_whole_path
 from viewsep.messages import Array, CandidateEstimate, Estimate, FloatArray, Percept, Phase
@@ -37,7 +44,8 @@ class PathOptions:
     `variant` is the step of section IV.A-D to stop at; `alignment` Fig. 4's transformation or the fit over the whole
     path; `rated_by` the measures that make the final rating (empty: those of the variant); `hypotheses` is N_hypo per
     candidate; `converged_below_deg2` bounds the running variance; `plausible_within` says how much worse than the
-    best a rating may be for the candidate to count as a rival.
+    best a rating may be for the candidate to count as a rival; when no hypothesis at all follows the controlled path
+    within `lost_above_deg` (w1), all are lost and new paths begin.
     """
 
     variant: Variant = "accumulated"
@@ -46,6 +54,7 @@ class PathOptions:
     hypotheses: int = 50
     converged_below_deg2: float = 30.0
     plausible_within: float = 5.0
+    lost_above_deg: float = 18.0
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -91,6 +100,8 @@ class PathInterpreter:
         hits, similarity, comparisons = self._grow(state.hypotheses, percept.feature)
         best_similarity = np.fmax(state.best_similarity, similarity)
         hypotheses = self._rate(hits, controlled, similarity, best_similarity)
+        if len(controlled) > 1 and hypotheses.w1.min() > np.radians(self.options.lost_above_deg):
+            return self.update(self.start(), percept)
         means = self._mean_rotations(hypotheses)
         recent = np.concatenate([state.recent_means, means[None]])[-WINDOW:]
         interpretation = self._interpret(hypotheses, recent, percept.stamp_ns, len(controlled), comparisons)
@@ -119,8 +130,6 @@ class PathInterpreter:
             chosen = most_similar_child(parent, node, similarity)
             parent, node = parent[chosen], node[chosen]
         hits = grow(hypotheses.hits, parent, node, loop_free=self._loop_free)
-        if self._loop_free:
-            hits = hits[distinct_paths(hits)]
         return hits, similarity, len(compared)
 
     def _rate(
@@ -136,6 +145,8 @@ class PathInterpreter:
             w2=accumulated_similarity(hits, best_similarity),
             rating=np.empty(len(hits)),
         )
+        if self._loop_free:
+            measured = measured.take(distinct_paths(hits, measured.w1))
         selection = _rating(measured, SELECTED_BY[self.options.variant])
         kept = measured.take(best_per_candidate(selection, measured.w1, self.owner(measured), self.options.hypotheses))
         rating = _rating(kept, self.options.rated_by or SELECTED_BY[self.options.variant])
@@ -193,6 +204,7 @@ class PathInterpreter:
             converged=bool(converged[rivals].all()),
             plausible=plausible,
             leader=_leader(ratings, self.options.plausible_within),
+            fresh=len(recent) < WINDOW,
         )
 
     def _best(self, hypotheses: Hypotheses, mine: Array) -> int:

@@ -26,11 +26,12 @@ def accumulated_similarity(hits: Array, best_similarity: FloatArray) -> FloatArr
 
 
 def queue_positions(values: FloatArray) -> FloatArray:
-    """1-based positions (C,) in a priority queue, smallest value first; equal values share the mean of their places."""
-    ordered = np.sort(values)
-    left = np.searchsorted(ordered, values, side="left")
-    right = np.searchsorted(ordered, values, side="right")
-    return (left + right + 1) / 2.0
+    """1-based positions (C,) in a priority queue, smallest value first; equal values share the first of their places.
+
+    Hypotheses that end in the same node tie in w0, and twins tie wherever they look the same: neither is worse for it.
+    """
+    position: FloatArray = np.searchsorted(np.sort(values), values, side="left") + np.float64(1.0)
+    return position
 
 
 def mean_position(queues: Sequence[FloatArray]) -> FloatArray:

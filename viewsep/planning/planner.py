@@ -14,7 +14,7 @@ from viewsep.messages import FloatArray, Phase
 from viewsep.models.aspect_graph import AspectGraph
 from viewsep.planning.exploration import GeodesicExploration, SphericalExploration
 from viewsep.planning.reachable import ReachableViews
-from viewsep.planning.separating_view import similarity_graph
+from viewsep.planning.separating_view import SIMILARITY_DIRECTIONS, similarity_graph
 
 NODE_REACH_DEG = 12.0  # about half a node spacing: a reachable view this close shows what the node stands for
 
@@ -53,6 +53,7 @@ class SeparatingViewPlanner:
         self.models = list(models)
         self.reachable = reachable
         self.options = options or SeparatingOptions()
+        self._shown = np.stack([reachable.nearest(direction) for direction in SIMILARITY_DIRECTIONS])
 
     def start(self, seed: int, view_direction: FloatArray) -> tuple[PlannerState, NextView]:
         """A random start view and a random direction from it (section III.C)."""
@@ -68,6 +69,8 @@ class SeparatingViewPlanner:
         self, state: PlannerState, view_direction: FloatArray, belief: Interpretation | None
     ) -> tuple[PlannerState, NextView]:
         """The next waypoint to the separating view; without one, the next step of the exploration."""
+        if belief is not None and belief.fresh:
+            state = replace(state, way=np.empty((0, 3)))
         if len(state.way) == 0 and belief is not None and belief.converged:
             state = self._choose_target(state, view_direction, belief)
         if len(state.way) > 0:
@@ -86,11 +89,12 @@ class SeparatingViewPlanner:
         """Plan the way to the reachable view with the highest mean variance that was not tried yet."""
         models = [model for model, plausible in zip(self.models, belief.plausible, strict=True) if plausible]
         graph = similarity_graph(models, belief.rotations[belief.plausible])
-        score, views = graph.smoothed, graph.directions
+        score = graph.smoothed
         for node in np.argsort(-score, kind="stable"):
-            nearest = self.reachable.nearest(views[node])
-            tried = (angle_between(state.visited, nearest) < np.radians(self.options.apart_deg)).any()
-            covered = angle_between(nearest, views[node]) <= np.radians(NODE_REACH_DEG)
-            if covered and not tried and score[node] > 0.0:
-                return replace(state, way=self.reachable.path(view, nearest, self._step_rad))
+            if score[node] <= 0.0:
+                break
+            shown = self._shown[node]
+            tried = (angle_between(state.visited, shown) < np.radians(self.options.apart_deg)).any()
+            if not tried and angle_between(shown, graph.directions[node]) <= np.radians(NODE_REACH_DEG):
+                return replace(state, way=self.reachable.path(view, shown, self._step_rad))
         return replace(state, visited=np.empty((0, 3)))  # everything was tried: explore on, then begin again

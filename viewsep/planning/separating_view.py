@@ -27,8 +27,8 @@ class SimilarityGraph:
     smoothed: FloatArray
 
 
-_DIRECTIONS = equidistant_sphere(SIMILARITY_NODES)
-_EDGES = delaunay_edges(_DIRECTIONS)
+SIMILARITY_DIRECTIONS = equidistant_sphere(SIMILARITY_NODES)
+_EDGES = delaunay_edges(SIMILARITY_DIRECTIONS)
 
 
 def similarity_graph(models: Sequence[AspectGraph], rotations: FloatArray) -> SimilarityGraph:
@@ -43,17 +43,17 @@ def similarity_graph(models: Sequence[AspectGraph], rotations: FloatArray) -> Si
     for a, b in (_EDGES.T, _EDGES.T[::-1]):
         np.add.at(total, a, variance[b])
         np.add.at(count, a, 1.0)
-    return SimilarityGraph(_DIRECTIONS, variance, total / count)
+    return SimilarityGraph(SIMILARITY_DIRECTIONS, variance, total / count)
 
 
 def _associated(model: AspectGraph, rotation: FloatArray) -> FloatArray:
     """(S, D) mean feature of the model's nodes at every node of the similarity graph."""
     rotated = model.directions @ rotation.T
-    nearest = nearest_points(_DIRECTIONS, rotated)[1]
-    total = np.zeros((len(_DIRECTIONS), model.features.shape[1]))
+    nearest = nearest_points(SIMILARITY_DIRECTIONS, rotated)[1]
+    total = np.zeros((len(SIMILARITY_DIRECTIONS), model.features.shape[1]))
     np.add.at(total, nearest, model.features)
-    count = np.bincount(nearest, minlength=len(_DIRECTIONS))
+    count = np.bincount(nearest, minlength=len(SIMILARITY_DIRECTIONS))
     empty = count == 0
-    total[empty] = model.features[nearest_points(rotated, _DIRECTIONS[empty])[1]]
+    total[empty] = model.features[nearest_points(rotated, SIMILARITY_DIRECTIONS[empty])[1]]
     shown: FloatArray = total / np.maximum(count, 1)[:, None]
     return shown

@@ -318,7 +318,7 @@ def _ratings(axes: Axes, story: _Story) -> None:
     if isinstance(story.interpreter, PathInterpreter):
         factor = story.interpreter.options.plausible_within
         bound = factor * rating.min(axis=1)
-        says = f"{factor:g} times the best: once judging, it is\nnamed when all others are above"
+        says = f"{factor:g} times the best: near a separating view it\nmay be named when all others are above"
         axes.plot(story.iterations, bound, color="black", lw=1.2, ls=(0, (4, 2)), label=says)
         axes.set_ylim(0.6 * rating.min(), 8.0 * max(rating.max(), bound.max()))
         axes.legend(loc="upper left", fontsize=8.5, framealpha=0.8)
