@@ -92,8 +92,8 @@ def path_elements(hits: Array) -> Array:
 def distinct_paths(hits: Array, w1: FloatArray) -> Array:
     """Indices of paths (C, H) that differ in their sequence of nodes; of equal ones that with the best timing (w1)."""
     begins = path_elements(hits)
-    ordinal: Array = np.asarray(np.cumsum(begins, axis=1)) - 1
-    weights = np.random.default_rng(0).integers(1, 2**62, hits.shape[1], dtype=np.int64)
+    ordinal = np.cumsum(begins, axis=1) - 1
+    weights = np.random.default_rng(0).integers(1, 2**62, size=(hits.shape[1],))
     sequence = (begins * (hits + 1) * weights[ordinal]).sum(axis=1)
     order = np.argsort(w1, kind="stable")
     _, first = np.unique(sequence[order], return_index=True)
