@@ -17,7 +17,7 @@ from viewsep.kinematics import PRESETS, RigGeometry, preset, rig_geometry
 class Section(BaseModel):
     """A table of the file: unknown keys are errors, values are not changed afterwards."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
 class JointConfig(Section):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import ExitStack
 from dataclasses import dataclass
 
 import numpy as np
@@ -96,9 +95,14 @@ class Session:
 
     def close(self) -> None:
         """Stop the motion and close motion and camera: all is tried, then the first error is raised."""
-        with ExitStack() as stack:  # runs all callbacks, last one first, whatever they raise
-            stack.callback(self.rig.camera.close)
-            stack.callback(self.rig.motion.close)
+        errors: list[BaseException] = []
+        for close in (self.rig.motion.close, self.rig.camera.close):
+            try:
+                close()
+            except BaseException as error:
+                errors.append(error)
+        if errors:
+            raise errors[0]
 
     def cancel(self, reason: str) -> None:
         """Ask the running task to end; may be called from a signal handler or another thread."""

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.table import Table
+from rich.table import Column, Table
 
 from viewsep.cli.console import people, print_json
 from viewsep.models import library
@@ -48,7 +48,8 @@ def models(
     if json:
         print_json(rows)
         return
-    table = Table("object", "views", "edges", "values", "bytes", "descriptor", "hash", "learned from")
+    name = Column("object", no_wrap=True)  # never cut, however narrow the terminal
+    table = Table(name, "views", "edges", "values", "bytes", "descriptor", "hash", "learned from")
     for row in rows:
         table.add_row(
             str(row["name"]),

@@ -11,7 +11,7 @@ import typer
 
 from viewsep.cli.console import people, print_json
 from viewsep.cli.live import LiveTable
-from viewsep.config import Config, load_config
+from viewsep.config import Config, InterpreterConfig, load_config
 from viewsep.errors import BadInput
 from viewsep.messages import Outcome
 from viewsep.models.library import load_library
@@ -46,12 +46,8 @@ def separate(
         viewsep separate --models library --truth tea --config turntable.toml --record run.mcap --json
     """
     settings = load_config(config) if config else Config()
-    if interpreter:
-        settings = settings.model_copy(
-            update={"interpreter": settings.interpreter.model_copy(update={"name": interpreter, "options": {}})}
-            if interpreter != settings.interpreter.name
-            else {}
-        )
+    if interpreter and interpreter != settings.interpreter.name:  # options in the file are those of another one
+        settings = settings.model_copy(update={"interpreter": InterpreterConfig(name=interpreter)})
     known = load_library(models, candidate_names(candidates))
     held, name = held_object(known, truth, source)
     task = Task(held, name, seed, record, force)

@@ -78,6 +78,8 @@ class Engine:
 
     def _see(self, state: EngineState, percept: Percept) -> Step:
         """One iteration of the interpretation module, then the decision."""
+        if state.missing_frames:
+            state = replace(state, missing_frames=0)
         if state.phase is Phase.STARTING or self._repeats(state, percept):
             return state, ()
         interpretation, belief = self.interpreter.update(state.interpretation, percept)
@@ -92,7 +94,6 @@ class Engine:
             travel_rad=state.travel_rad + travelled,
             comparisons=state.comparisons + belief.estimate.comparisons,
             separating_view=None if belief.fresh else state.separating_view,
-            missing_frames=0,
         )
         target = state.move_plan.target if state.move_plan else None
         state = replace(

@@ -25,6 +25,7 @@ SUFFIX = ".viewsep"
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,99}")
 _UNREADABLE = (
     ValueError,
+    TypeError,  # a single array instead of an archive of them
     KeyError,
     OSError,
     EOFError,
@@ -73,16 +74,7 @@ def from_bytes(data: bytes, origin: str) -> AspectGraph:
         with np.load(io.BytesIO(data), allow_pickle=False) as archive:
             arrays = {name: archive[name] for name in archive.files}
         header = json.loads(arrays.pop("header").tobytes())
-    except (
-        ValueError,
-        KeyError,
-        OSError,
-        EOFError,
-        zipfile.BadZipFile,
-        zlib.error,
-        NotImplementedError,
-        RuntimeError,
-    ) as error:
+    except _UNREADABLE as error:
         raise BadModel(
             f"{origin}: not a viewsep model, or damaged ({type(error).__name__}: {error}): learn the object again"
         ) from error

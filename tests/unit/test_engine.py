@@ -1,0 +1,445 @@
+"""The engine is a pure function of its events: what it asks for, when it gives up, and when it names an object."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+
+import numpy as np
+import pytest
+
+from viewsep.descriptors.cch import ColourCooccurrence
+from viewsep.engine.engine import Engine
+from viewsep.engine.state import EngineState, TaskLimits
+from viewsep.geometry import angle_between, delaunay_edges, equidistant_sphere, spherical_direction
+from viewsep.interfaces import Interpretation, NextView
+from viewsep.interpretation.interpreter import PathInterpreter
+from viewsep.kinematics import preset
+from viewsep.messages import (
+    CancelRequested,
+    CandidateEstimate,
+    Command,
+    DeadlinePassed,
+    Estimate,
+    Event,
+    FloatArray,
+    FrameMissing,
+    MoveFailed,
+    MoveSettled,
+    MoveTo,
+    Outcome,
+    Percept,
+    PerceptReceived,
+    Phase,
+    Stop,
+    TaskStarted,
+)
+from viewsep.models.aspect_graph import AspectGraph, Provenance
+from viewsep.planning.planner import SeparatingViewPlanner
+from viewsep.planning.reachable import ReachableViews
+from viewsep.recordings.codec import to_bytes
+
+
+def at(azimuth_deg: float) -> FloatArray:
+    return spherical_direction(np.radians(azimuth_deg), 0.0)
+
+
+HOME = at(0)
+STARTED = TaskStarted(0, 1, HOME)
+
+
+def seen(azimuth_deg: float, stamp_ns: int = 1) -> PerceptReceived:
+    return PerceptReceived(Percept(stamp_ns, stamp_ns, "none", np.zeros(1, np.float32), at(azimuth_deg)))
+
+
+@dataclass
+class ScriptedInterpreter:
+    """Names `leaders` one after the other (the last one for ever); fresh at the updates listed. The state counts."""
+
+    leaders: Sequence[int] = (-1,)
+    fresh_at: tuple[int, ...] = ()
+
+    def start(self) -> int:
+        return 0
+
+    def update(self, state: int, percept: Percept) -> tuple[int, Interpretation]:
+        rotation = np.eye(3)
+        leader = self.leaders[min(state, len(self.leaders) - 1)]
+        ratings = [1.0 if k == leader else 8.0 for k in range(2)]
+        candidates = tuple(
+            CandidateEstimate(name, rating, 0.5, 0.1, 0.5, rotation, 0.0, True, 1)
+            for name, rating in zip("ab", ratings, strict=True)
+        )
+        estimate = Estimate(percept.stamp_ns, -1, Phase.IDLE, candidates, 10, -1.0, None)
+        rotations = np.stack([rotation, rotation])
+        return state + 1, Interpretation(estimate, rotations, True, np.ones(2, bool), leader, state in self.fresh_at)
+
+
+@dataclass
+class ScriptedPlanner:
+    """The start view and then `plans` one after the other (the last one for ever). The state counts."""
+
+    first: NextView
+    plans: Sequence[NextView]
+
+    def start(self, seed: int, view_direction: FloatArray) -> tuple[int, NextView]:
+        return 0, self.first
+
+    def next_view(self, state: int, view_direction: FloatArray, belief: Interpretation | None) -> tuple[int, NextView]:
+        return state + 1, self.plans[min(state, len(self.plans) - 1)]
+
+
+START = NextView(at(10), Phase.STARTING)
+EXPLORE = NextView(at(20), Phase.EXPLORING)
+ARRIVE = NextView(at(90), Phase.APPROACHING, at(90), arrives=True)
+STAY = NextView(None, Phase.EXPLORING)
+
+
+def engine(
+    leaders: Sequence[int] = (-1,),
+    plans: Sequence[NextView] = (EXPLORE,),
+    limits: TaskLimits | None = None,
+    first: NextView = START,
+    fresh_at: tuple[int, ...] = (),
+) -> Engine:
+    return Engine(ScriptedInterpreter(leaders, fresh_at), ScriptedPlanner(first, plans), limits)
+
+
+def after(machine: Engine, *events: Event) -> tuple[EngineState, list[tuple[Command, ...]]]:
+    """The last state and the commands of every step."""
+    state, commands = machine.start(), []
+    for event in events:
+        state, issued = machine.step(state, event)
+        commands.append(issued)
+    return state, commands
+
+
+def only_move(commands: tuple[Command, ...]) -> MoveTo:
+    (command,) = commands
+    assert isinstance(command, MoveTo)
+    return command
+
+
+# ---- purity, with the real interpreter and planner ----
+
+
+def real_engine() -> Engine:
+    nodes = equidistant_sphere(40)
+    edges = delaunay_edges(nodes)
+    rng = np.random.default_rng(0)
+    models = [
+        AspectGraph(
+            name=name,
+            directions=nodes,
+            edges=edges,
+            features=rng.random((40, 320), np.float32) / 320,
+            thumbnails=np.zeros((40, 1, 1, 3), np.uint8),
+            descriptor="cch",
+            descriptor_parameters={},
+            provenance=Provenance("", "", ""),
+        )
+        for name in ("a", "b")
+    ]
+    planner = SeparatingViewPlanner(models, ReachableViews.of(preset("gimbal")))
+    return Engine(PathInterpreter(models, ColourCooccurrence()), planner, TaskLimits(max_looks=30))
+
+
+def drive(machine: Engine, looks: int) -> tuple[list[Event], list[EngineState], list[tuple[Command, ...]]]:
+    """Events of a rig that arrives at once and looks wherever it was sent."""
+    rng = np.random.default_rng(1)
+    events: list[Event] = [TaskStarted(0, 5, HOME)]
+    states: list[EngineState] = []
+    commands: list[tuple[Command, ...]] = []
+    stamp_ns = 0
+    while events[len(states) :] and sum(isinstance(event, PerceptReceived) for event in events) < looks:
+        for event in events[len(states) :]:
+            state, issued = machine.step(states[-1] if states else machine.start(), event)
+            states.append(state)
+            commands.append(issued)
+        stamp_ns += 1000
+        move = states[-1].move
+        if move is not None and states[-1].result is None:
+            percept = Percept(stamp_ns, stamp_ns, "cch", rng.random(320, np.float32) / 320, move.view_direction)
+            events += [PerceptReceived(percept), MoveSettled(stamp_ns + 1, move.command_id)]
+        elif states[-1].result is None:
+            here = states[-1].view_direction
+            assert here is not None
+            feature = rng.random(320, np.float32) / 320
+            events.append(PerceptReceived(Percept(stamp_ns, stamp_ns, "cch", feature, here)))
+    return events[: len(states)], states, commands
+
+
+def outputs(states: Sequence[EngineState], commands: Sequence[tuple[Command, ...]]) -> list[bytes]:
+    out: list[bytes] = []
+    for state, issued in zip(states, commands, strict=True):
+        out += [to_bytes(message) for message in (state.estimate, state.result, *issued) if message is not None]
+    return out
+
+
+def test_the_same_events_give_the_same_bytes() -> None:
+    events, states, commands = drive(real_engine(), 40)
+    assert states[-1].looks >= 20
+    again = real_engine()
+    state, others, other_commands = again.start(), [], []
+    for event in events:
+        state, issued = again.step(state, event)
+        others.append(state)
+        other_commands.append(issued)
+    assert outputs(others, other_commands) == outputs(states, commands)
+
+
+def test_earlier_states_stay_as_they_were_and_can_be_stepped_from_again() -> None:
+    machine = real_engine()
+    events, states, commands = drive(machine, 40)
+    before = outputs(states, commands)
+    for i in (3, 10, len(events) // 2):
+        again, issued = machine.step(states[i - 1], events[i])
+        assert outputs([again], [issued]) == outputs(states[i : i + 1], commands[i : i + 1])
+        machine.step(states[i - 1], CancelRequested(1, "another branch"))
+    assert outputs(states, commands) == before
+
+
+# ---- start ----
+
+
+def test_a_task_starts_with_a_move_to_the_start_view() -> None:
+    state, commands = after(engine(), STARTED)
+    move = only_move(commands[0])
+    assert (move.command_id, move.purpose) == (0, Phase.STARTING)
+    np.testing.assert_array_equal(move.view_direction, at(10))
+    assert state.phase is Phase.STARTING
+
+
+def test_a_planner_that_starts_where_it_is_explores_at_once() -> None:
+    state, commands = after(engine(first=NextView(None, Phase.STARTING)), STARTED)
+    assert only_move(commands[0]).purpose is Phase.EXPLORING
+    assert state.phase is Phase.EXPLORING
+
+
+def test_nothing_happens_without_a_task() -> None:
+    machine = engine()
+    idle = machine.start()
+    for event in (seen(0), MoveSettled(1, 0), MoveFailed(1, 0, "x"), DeadlinePassed(1), CancelRequested(1, "x")):
+        state, commands = machine.step(idle, event)
+        assert state is idle
+        assert commands == ()
+
+
+def test_percepts_on_the_way_to_the_start_view_are_ignored() -> None:
+    state, commands = after(engine(), STARTED, seen(5), seen(9))
+    assert commands[1:] == [(), ()]
+    assert (state.looks, state.travel_rad, state.estimate) == (0, 0.0, None)
+    state, commands = after(engine(), STARTED, seen(5), MoveSettled(2, 0), seen(10))
+    assert only_move(commands[2]).purpose is Phase.EXPLORING
+    assert state.looks == 1
+
+
+# ---- moves ----
+
+
+def test_only_the_current_move_can_settle_or_fail() -> None:
+    machine = engine()
+    state, _ = after(machine, STARTED)
+    for event in (MoveSettled(1, 7), MoveFailed(1, 7, "late"), MoveSettled(1, -1)):
+        unchanged, commands = machine.step(state, event)
+        assert unchanged is state
+        assert commands == ()
+
+
+def test_a_failed_move_is_tried_again_under_a_new_number_until_the_limit() -> None:
+    events: list[Event] = [STARTED, MoveFailed(1, 0, "jammed"), MoveFailed(2, 1, "jammed"), MoveFailed(3, 2, "jammed")]
+    state, commands = after(engine(limits=TaskLimits(max_failed_moves=3)), *events)
+    assert [only_move(issued).command_id for issued in commands[:3]] == [0, 1, 2]
+    assert all(only_move(issued).purpose is Phase.STARTING for issued in commands[:3])
+    assert all((only_move(issued).view_direction == at(10)).all() for issued in commands[:3])
+    assert isinstance(commands[3][0], Stop)
+    assert state.result is not None
+    assert state.result.outcome is Outcome.FAILED
+    assert state.result.reason == "3 moves failed in a row: jammed"
+
+
+def test_only_failures_in_a_row_count() -> None:
+    events: list[Event] = [STARTED]
+    for i in range(0, 12, 2):
+        events += [MoveFailed(i, i, "jammed"), MoveSettled(i + 1, i + 1)]
+    state, _ = after(engine(limits=TaskLimits(max_failed_moves=2)), *events)
+    assert state.result is None
+    assert state.failed_moves == 0
+
+
+def test_command_numbers_never_repeat() -> None:
+    _, _, commands = drive(real_engine(), 40)
+    numbers = [command.command_id for issued in commands for command in issued]
+    assert numbers == list(range(len(numbers)))
+
+
+# ---- giving up ----
+
+
+def test_missing_frames_in_a_row_end_the_task() -> None:
+    missing = FrameMissing(5, "no light")
+    machine = engine(limits=TaskLimits(max_missing_frames=3))
+    state, _ = after(machine, STARTED, MoveSettled(1, 0), missing, missing, seen(10), missing, missing)
+    assert state.result is None
+    state, (command,) = machine.step(state, missing)
+    assert isinstance(command, Stop)
+    assert state.result is not None
+    assert (state.result.outcome, state.result.reason) == (Outcome.FAILED, "3 frames missing in a row: no light")
+
+
+def test_missing_frames_on_the_way_to_the_start_count_too() -> None:
+    missing = FrameMissing(5, "no light")
+    state, _ = after(engine(limits=TaskLimits(max_missing_frames=2)), STARTED, missing, missing)
+    assert state.result is not None
+
+
+def test_the_deadline_leaves_it_undecided() -> None:
+    state, commands = after(engine(), STARTED, MoveSettled(1, 0), seen(10), DeadlinePassed(9))
+    assert state.result is not None
+    assert (state.result.outcome, state.result.object, state.result.stamp_ns) == (Outcome.UNDECIDED, "", 9)
+    assert [name for name, _ in state.result.ratings] == ["a", "b"]
+    assert isinstance(commands[-1][0], Stop)
+
+
+def test_a_cancelled_task_failed_and_says_why() -> None:
+    state, commands = after(engine(), STARTED, CancelRequested(9, "lunch"))
+    assert state.result is not None
+    assert (state.result.outcome, state.result.reason) == (Outcome.FAILED, "cancelled: lunch")
+    assert (state.result.looks, state.result.ratings) == (0, ())
+    assert isinstance(commands[-1][0], Stop)
+
+
+def test_nothing_changes_after_the_result() -> None:
+    machine = engine()
+    done, _ = after(machine, STARTED, MoveSettled(1, 0), seen(10), DeadlinePassed(9))
+    late: list[Event] = [seen(80), MoveSettled(10, 1), MoveFailed(10, 1, "x"), FrameMissing(10, "x")]
+    for event in [*late, DeadlinePassed(11), CancelRequested(12, "x")]:
+        state, commands = machine.step(done, event)
+        assert state is done
+        assert commands == ()
+
+
+def test_a_new_task_starts_from_nothing() -> None:
+    machine = engine()
+    done, _ = after(machine, STARTED, MoveSettled(1, 0), seen(10), DeadlinePassed(9))
+    again, commands = machine.step(done, STARTED)
+    fresh, expected = machine.step(machine.start(), STARTED)
+    assert [to_bytes(c) for c in commands] == [to_bytes(c) for c in expected]
+    for field in fields(EngineState):
+        if field.name not in ("move", "move_plan", "view_direction"):
+            assert getattr(again, field.name) == getattr(fresh, field.name)
+
+
+def test_spent_looks_leave_it_undecided() -> None:
+    machine = engine(limits=TaskLimits(max_looks=4))
+    state, _ = after(machine, STARTED, MoveSettled(1, 0), *(seen(10 * i) for i in range(1, 4)))
+    assert state.result is None
+    state, commands = machine.step(state, seen(40))
+    assert state.result is not None
+    assert (state.result.outcome, state.result.looks) == (Outcome.UNDECIDED, 4)
+    assert isinstance(commands[0], Stop)
+
+
+@pytest.mark.parametrize("settled", [False, True], ids=["on the way to the start", "before it turned further"])
+def test_a_frame_that_is_not_interpreted_is_not_missing_either(settled: bool) -> None:
+    events: list[Event] = [STARTED, MoveSettled(1, 0), seen(10)] if settled else [STARTED]
+    for _ in range(5):
+        events += [FrameMissing(5, "no light"), seen(10)]
+    state, _ = after(engine(limits=TaskLimits(max_missing_frames=2)), *events)
+    assert state.result is None
+
+
+# ---- looking ----
+
+
+def test_a_view_is_looked_at_again_only_after_turning() -> None:
+    machine = engine(limits=TaskLimits(look_every_rad=float(np.radians(4.0))))
+    state, commands = after(machine, STARTED, MoveSettled(1, 0), seen(10), seen(10), seen(12), seen(13.9))
+    assert state.looks == 1
+    assert commands[-3:] == [(), (), ()]
+    state, _ = machine.step(state, seen(14.1))
+    assert state.looks == 2
+
+
+def test_a_rig_that_stands_and_waits_looks_at_the_same_view_again() -> None:
+    machine = engine(plans=[STAY])
+    state, commands = after(machine, STARTED, MoveSettled(1, 0), seen(10), seen(10), seen(10))
+    assert state.looks == 3
+    assert commands[1:] == [(), (), (), ()]
+    assert state.dwelling
+
+
+def test_estimates_carry_looks_travel_phase_and_comparisons() -> None:
+    state, _ = after(engine(), STARTED, MoveSettled(1, 0), seen(10), seen(20), seen(50))
+    assert state.estimate is not None
+    assert (state.estimate.iteration, state.estimate.phase) == (3, Phase.EXPLORING)
+    assert np.degrees(state.estimate.travel_rad) == pytest.approx(40.0)
+    assert state.comparisons == 30
+
+
+# ---- judging ----
+
+TO_THE_VIEW: list[Event] = [STARTED, MoveSettled(1, 0), seen(10)]
+WITHIN_20_TWICE = TaskLimits(judge_within_rad=float(np.radians(20.0)), confirming_looks=2)
+
+
+def test_a_leader_on_the_way_to_the_separating_view_is_not_named() -> None:
+    machine = engine(leaders=[0], plans=[ARRIVE], limits=WITHIN_20_TWICE)
+    state, commands = after(machine, *TO_THE_VIEW, *(seen(azimuth) for azimuth in (30, 50, 70, 80, 89)))
+    assert state.result is None
+    assert only_move(commands[1]).purpose is Phase.APPROACHING
+    assert state.estimate is not None
+    assert state.estimate.target is not None
+    np.testing.assert_array_equal(state.estimate.target, at(90))
+
+
+def test_at_the_separating_view_the_rig_waits_for_a_look_before_it_goes_on() -> None:
+    machine = engine(plans=[ARRIVE, EXPLORE], limits=WITHIN_20_TWICE)
+    state, commands = after(machine, *TO_THE_VIEW, seen(90), MoveSettled(2, 1))
+    assert (state.phase, state.dwelling, commands[-1]) == (Phase.JUDGING, True, ())
+    state, commands = after(machine, *TO_THE_VIEW, seen(90), MoveSettled(2, 1), seen(90))
+    assert only_move(commands[-1]).purpose is Phase.EXPLORING
+    assert (state.looks, state.dwelling) == (3, False)
+
+
+def test_the_leader_is_named_after_confirming_looks_within_reach_of_the_separating_view() -> None:
+    machine = engine(leaders=[0], plans=[ARRIVE, STAY], limits=WITHIN_20_TWICE)
+    state, commands = after(machine, *TO_THE_VIEW, MoveSettled(2, 1), seen(90))
+    assert state.result is None
+    state, commands = after(machine, *TO_THE_VIEW, MoveSettled(2, 1), seen(90), seen(75))
+    assert state.result is not None
+    assert (state.result.outcome, state.result.object) == (Outcome.IDENTIFIED, "a")
+    assert "8.0 times better than that of b" in state.result.reason
+    assert isinstance(commands[-1][0], Stop)
+    assert state.estimate is not None
+    assert state.estimate.phase is Phase.DONE
+
+
+def test_looks_too_far_from_the_separating_view_confirm_nothing() -> None:
+    machine = engine(leaders=[0], plans=[ARRIVE, STAY], limits=WITHIN_20_TWICE)
+    state, _ = after(machine, *TO_THE_VIEW, MoveSettled(2, 1), seen(90), seen(60), seen(40), seen(69.9))
+    assert state.result is None
+    assert float(angle_between(at(69.9), at(90))) > WITHIN_20_TWICE.judge_within_rad
+    state, _ = machine.step(state, seen(70.1))
+    assert state.result is not None
+
+
+@pytest.mark.parametrize("leaders", [[0, 0, 1, 0, 1], [0, 0, -1, 0, -1]], ids=["another leads", "nobody leads"])
+def test_confirming_looks_must_follow_each_other(leaders: list[int]) -> None:
+    machine = engine(leaders=leaders, plans=[ARRIVE, STAY], limits=WITHIN_20_TWICE)
+    state, _ = after(machine, *TO_THE_VIEW, MoveSettled(2, 1), *(seen(90) for _ in range(4)))
+    assert state.looks == 5
+    assert state.result is None
+
+
+def test_nobody_is_named_however_long_nobody_leads() -> None:
+    machine = engine(leaders=[-1], plans=[ARRIVE, STAY], limits=WITHIN_20_TWICE)
+    state, _ = after(machine, *TO_THE_VIEW, MoveSettled(2, 1), *(seen(90) for _ in range(10)))
+    assert state.result is None
+
+
+def test_a_separating_view_chosen_before_all_was_lost_decides_nothing() -> None:
+    machine = engine(leaders=[0], plans=[ARRIVE, STAY], limits=WITHIN_20_TWICE, fresh_at=(1,))
+    state, _ = after(machine, *TO_THE_VIEW, MoveSettled(2, 1), *(seen(90) for _ in range(6)))
+    assert state.separating_view is None
+    assert state.result is None
