@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -10,6 +11,7 @@ import numpy as np
 
 from viewsep.assembly import make_engine
 from viewsep.config import Config, geometry_of, parse_config
+from viewsep.engine.engine import Engine
 from viewsep.engine.state import EngineState
 from viewsep.errors import BadConfig, BadRecording, ReplayMismatch
 from viewsep.geometry import angle_between
@@ -91,49 +93,64 @@ def use_models(recording: Recording, models: Sequence[AspectGraph]) -> None:
 
 def replay(recording: Recording) -> Iterator[Replayed]:
     """Run the engine over the recorded events."""
-    config, models = restore(recording)
-    engine = make_engine(config, models)
+    engine = make_engine(*restore(recording))
     state = engine.start()
     for recorded in recording.messages:
-        if not isinstance(recorded.message, Event):
-            continue
-        before = state
-        state, commands = engine.step(before, recorded.message)
-        outputs: list[Output] = []
-        if state.estimate is not None and state.estimate is not before.estimate:
-            outputs.append(state.estimate)
-        outputs.extend(commands)
-        if state.result is not None and before.result is None:
-            outputs.append(state.result)
-        yield Replayed(recorded.message, state, tuple(outputs))
+        if isinstance(recorded.message, Event):
+            replayed = _step(engine, state, recorded.message)
+            state = replayed.state
+            yield replayed
 
 
 def verify(recording: Recording) -> Verification:
-    """Replay and compare every estimate, command and result byte for byte.
+    """Replay and compare every estimate, command and result byte for byte, and which event it followed.
 
     Raises ReplayMismatch at the first difference. On another build or processor than the recording's, floats may
     differ by FLOAT_TOLERANCE; decisions may not.
     """
-    said = iter([r for r in recording.messages if isinstance(r.message, Output)])
-    same_build = recording.metadata.get("build") == this_build()
+    engine = make_engine(*restore(recording))
+    state = engine.start()
+    tolerance = 0.0 if recording.metadata.get("build") == this_build() else FLOAT_TOLERANCE
+    expected: deque[Output] = deque()
     events = outputs = 0
     exact = True
-    for step in replay(recording):
-        events += 1
-        for output in step.outputs:
+    for recorded in recording.messages:
+        if isinstance(recorded.message, Event):
+            _nothing_left(expected, f"before the event at {recorded.stamp_ns} ns")
+            replayed = _step(engine, state, recorded.message)
+            state = replayed.state
+            expected.extend(replayed.outputs)
+            events += 1
+        elif isinstance(recorded.message, Output):
+            if not expected:
+                raise ReplayMismatch(
+                    f"the recording has {recorded.topic} at {recorded.stamp_ns} ns, which the engine did not put out"
+                )
+            output = expected.popleft()
             outputs += 1
-            recorded = next(said, None)
-            if recorded is None:
-                raise ReplayMismatch(f"the engine put out a further {type(output).__name__}, which the recording lacks")
             if to_bytes(output) != recorded.raw:
                 exact = False
-                _compare(recorded, output, 0.0 if same_build else FLOAT_TOLERANCE)
-    left = next(said, None)
-    if left is not None:
-        raise ReplayMismatch(f"the recording has {left.topic} at {left.stamp_ns} ns, which the engine did not put out")
+                _compare(recorded, output, tolerance)
+    _nothing_left(expected, "at the end of the recording")
     if events == 0:
         raise BadRecording("the recording holds no events: nothing to replay")
     return Verification(events, outputs, exact)
+
+
+def _step(engine: Engine, before: EngineState, event: Event) -> Replayed:
+    state, commands = engine.step(before, event)
+    outputs: list[Output] = []
+    if state.estimate is not None and state.estimate is not before.estimate:
+        outputs.append(state.estimate)
+    outputs.extend(commands)
+    if state.result is not None and before.result is None:
+        outputs.append(state.result)
+    return Replayed(event, state, tuple(outputs))
+
+
+def _nothing_left(expected: deque[Output], where: str) -> None:
+    if expected:
+        raise ReplayMismatch(f"the engine put out {encode(expected[0])[0]} {where}, which the recording lacks")
 
 
 def verify_frames(recording: Recording) -> FrameCheck:

@@ -52,6 +52,7 @@ def learn_objects(
     """Learn many objects in parallel, yielding each when it is done. Raises BadInput before any work is done."""
     if not 12 <= views <= 2000:
         raise BadInput(f"--views {views}: use 12 to 2000 views per object (the seed's models have 100)")
+    make_descriptor(config.descriptor)
     for name in names:
         if names.count(name) > 1:
             raise BadInput(

@@ -112,7 +112,7 @@ class Session:
         """Carry out one task. Raises RigError when the rig fails in a way that leaves nothing to decide."""
         clock, pace = self.rig.clock, self.pace
         self.state = self.engine.start()
-        self._cancelled, self._move = "", None
+        self._move = None
         deadline_ns = clock.now_ns() + round(pace.deadline_s * 1e9)
         start = self._newest_state()
         view = self.rig.geometry.view_direction(start.position_rad)
@@ -124,6 +124,7 @@ class Session:
                 self._feed(CancelRequested(clock.now_ns(), self._cancelled))
             elif clock.now_ns() > deadline_ns:
                 self._feed(DeadlinePassed(clock.now_ns()))
+        self._cancelled = ""
         return self.state.result
 
     def _wait(self, until_ns: int) -> int:

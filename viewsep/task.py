@@ -99,16 +99,15 @@ def run_task(
     simulated = simulated_rig(config, task.source, task.seed)
     _check_source(task, models, simulated.object_digest)
     session = Session(simulated.rig, engine, make_descriptor(config.descriptor), pace_of(config), listeners)
+    on_start(session)
     if task.record is None:
         with session:
-            on_start(session)
             result = session.run(task.seed)
     else:
         recorder = task_recorder(task.record, config, models, task.seed, task.truth, overwrite=task.overwrite)
         with recorder:
             session.listeners = (*listeners, recorder)
             with session:
-                on_start(session)
                 result = session.run(task.seed)
     error = np.nan
     if task.truth:

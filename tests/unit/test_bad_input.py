@@ -36,7 +36,6 @@ class Case:
     words: str
     before: Before = lambda: None
     simulated: bool = False
-    unchecked: bool = False
 
 
 def model(name: str, seed: int) -> AspectGraph:
@@ -243,14 +242,13 @@ CASES: dict[str, Case] = {
     ),
     "interpreter option": Case(f"{SEPARATE} --interpreter pf", "no interpreter is called 'pf'"),
     "unknown planner": Case(WITH_CONFIG, "no planner is called 'fast': choose", config("[planner]\nname='fast'")),
-    "no hypotheses": Case(WITH_CONFIG, "hypotheses", config("[interpreter.options]\nhypotheses = 0"), unchecked=True),
-    "no step": Case(WITH_CONFIG, "step_deg", config("[planner.options]\nstep_deg = 0.0"), unchecked=True),
+    "no hypotheses": Case(WITH_CONFIG, "hypotheses", config("[interpreter.options]\nhypotheses = 0")),
+    "no step": Case(WITH_CONFIG, "step_deg", config("[planner.options]\nstep_deg = 0.0")),
     "no pixel distance": Case(
         f"{LEARN} generated:1 --config c.toml",
         "distance_px",
         config("[descriptor.options]\ndistance_px = 0"),
         simulated=True,
-        unchecked=True,
     ),
     # candidates and what is held
     "unknown candidate": Case(
@@ -329,10 +327,7 @@ CASES: dict[str, Case] = {
 
 
 def marks(case: Case) -> list[pytest.MarkDecorator]:
-    found = [pytest.mark.needs_pybullet] if case.simulated else []
-    if case.unchecked:
-        found.append(pytest.mark.xfail(strict=True, reason="the ranges of plug-ins' options are not checked yet"))
-    return found
+    return [pytest.mark.needs_pybullet] if case.simulated else []
 
 
 def run(typed: str, monkeypatch: pytest.MonkeyPatch) -> object:

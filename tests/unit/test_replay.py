@@ -255,7 +255,7 @@ ALTERED: dict[str, tuple[Change, str]] = {
     "arrival removed": (drop(MoveSettled, 1), r"at \d+ ns"),
     "percepts exchanged": (exchange_percepts, r"estimate at \d+ ns: field"),
     "estimate removed": (drop(Estimate, 6), r"at \d+ ns"),
-    "result removed": (drop(Result, 0), r"put out a further \w+, which the recording lacks"),
+    "result removed": (drop(Result, 0), "put out result at the end of the recording, which the recording lacks"),
     "output added": (add_output, r"has command at \d+ ns, which the engine did not put out"),
     "output of another topic": (other_command, r"ns the recording has a message on 'command', the engine one on 'est"),
 }

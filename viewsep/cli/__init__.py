@@ -11,7 +11,7 @@ from viewsep.errors import ViewsepError
 def main() -> None:
     """Entry point of the `viewsep` command."""
     try:
-        app()
+        app(prog_name="viewsep")
     except ViewsepError as error:
         print(f"viewsep: {error}", file=sys.stderr)  # noqa: T201
         raise SystemExit(error.exit_code) from None

@@ -10,7 +10,7 @@ from rich.table import Table
 
 from viewsep.bench.separation import pairs_from, run_separation
 from viewsep.bench.speed import measure_speed
-from viewsep.cli.console import people, print_json, progress_bar
+from viewsep.cli.console import MAX_SEED, print_json, progress_bar, results
 from viewsep.config import Config, load_config
 
 app = typer.Typer(help="Measure the method: how often it is right, what it costs.", no_args_is_help=True)
@@ -18,7 +18,7 @@ app = typer.Typer(help="Measure the method: how often it is right, what it costs
 
 @app.command()
 def speed(
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the objects and tasks.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, max=MAX_SEED, help="Seed of the objects and tasks.")] = 0,
     json: Annotated[bool, typer.Option("--json", help="Print the figures as JSON.")] = False,
 ) -> None:
     """Time one engine step with two candidates and the descriptor of a 128 x 128 view, on one core.
@@ -34,14 +34,14 @@ def speed(
     table = Table("what", "median ms", "p95 ms", "samples")
     for name, row in figures.items():
         table.add_row(name, f"{row['median_ms']:.2f}", f"{row['p95_ms']:.2f}", f"{row['samples']:.0f}")
-    people.print(table)
+    results.print(table)
 
 
 @app.command()
 def separation(
     pairs: Annotated[Path, typer.Option(help="CSV with columns a,b: meshes or folders, relative to the file.")],
     runs: Annotated[int, typer.Option(min=1, help="Tasks; pairs and truths take turns.")] = 90,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the first task; the next ones count up.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, max=MAX_SEED, help="Seed of the first task; the next ones count up.")] = 0,
     config: Annotated[Path | None, typer.Option(help="TOML configuration.")] = None,
     jobs: Annotated[int, typer.Option(help="Processes; -1 is one per core.")] = -1,
     json: Annotated[Path | None, typer.Option(help="Write tasks and summary to this file.")] = None,
@@ -63,9 +63,9 @@ def separation(
     for name, value in outcome.summary.items():
         text = f"{value[0]:.3f} to {value[1]:.3f}" if isinstance(value, list) else f"{value:g}"
         table.add_row(name, text)
-    people.print(table)
+    results.print(table)
     for row in outcome.tasks:
         if not row["correct"]:
-            people.print(
+            results.print(
                 f"seed {row['seed']}: {row['truth']} -> {row['outcome']} {row['object'] or ''}", highlight=False
             )

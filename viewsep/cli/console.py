@@ -1,4 +1,4 @@
-"""Where text for people goes: stderr, so that stdout is left to results and machines."""
+"""Where text goes: results and JSON to stdout, everything said meanwhile to stderr."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 people = Console(stderr=True)
+results = Console()
+MAX_SEED = 2**62  # recordings keep seeds in 64 bits, and tasks count up from them
 
 
 def progress_bar() -> Progress:

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from viewsep.cli.console import people, progress_bar
+from viewsep.cli.console import MAX_SEED, progress_bar, results
 from viewsep.cli.live import LiveTable
 from viewsep.cli.separate import exit_code, tell
 from viewsep.config import Config
@@ -22,7 +22,7 @@ def demo(
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder for models, recording and picture.")] = Path(
         "demo"
     ),
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the two products and of the task.")] = 7,
+    seed: Annotated[int, typer.Option(min=0, max=MAX_SEED, help="Seed of the two products and of the task.")] = 7,
 ) -> None:
     """The main job in one go: two look-alike boxes that differ in one face; learn, separate, record, replay, picture.
 
@@ -44,16 +44,16 @@ def demo(
             learned[model.name] = model
             progress.advance(bar)
     models = [learned[name] for name in names]
-    people.print(f"Learned {names[0]} and {names[1]}: 100 views each. The simulated rig now holds {names[truth]}.")
+    results.print(f"Learned {names[0]} and {names[1]}: 100 views each. The simulated rig now holds {names[truth]}.")
     record, picture = output / "demo.mcap", output / "report.png"
     with LiveTable(names[truth]) as table:
         answer = run_task(Task(sources[truth], names[truth], seed, record, overwrite=True), config, models, [table])
     tell(answer)
     content = read_recording(record)
     found = verify(content)
-    people.print(f"replay: {found.outputs} outputs of {found.events} events repeated byte for byte", highlight=False)
+    results.print(f"replay: {found.outputs} outputs of {found.events} events repeated byte for byte", highlight=False)
     from viewsep.plots.report import report  # matplotlib is slow to import
 
     report(content, picture)
-    people.print(f"picture: {picture}", soft_wrap=True)
+    results.print(f"picture: {picture}", soft_wrap=True)
     raise typer.Exit(exit_code(answer))

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from viewsep.cli.console import people, print_json, progress_bar
+from viewsep.cli.console import print_json, progress_bar, results
 from viewsep.config import Config, load_config
 from viewsep.learning import learn_objects, names_for
 from viewsep.models import library
@@ -59,4 +59,6 @@ def learn(
         print_json(learned)
         return
     for entry in learned:
-        people.print(f"learned [bold]{entry['name']}[/bold]: {entry['views']} views -> {entry['file']}", soft_wrap=True)
+        results.print(
+            f"learned [bold]{entry['name']}[/bold]: {entry['views']} views -> {entry['file']}", soft_wrap=True
+        )

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 from rich.table import Column, Table
 
-from viewsep.cli.console import people, print_json
+from viewsep.cli.console import people, print_json, results
 from viewsep.models import library
 
 
@@ -58,4 +58,4 @@ def models(
             str(row["hash"])[:12],
             str(row["source"]),
         )
-    people.print(table)
+    results.print(table)

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
-from viewsep.cli.console import people, print_json
+from viewsep.cli.console import people, print_json, results
 from viewsep.errors import BadInput
 from viewsep.models.library import load_library
 from viewsep.recordings.reader import read_recording
@@ -38,6 +38,7 @@ def replay(
     """
     if not (verify_decisions or from_frames or models):
         raise BadInput("nothing to do: give --verify, --from-frames or --models LIBRARY")
+    say = people if json else results
     content = read_recording(recording)
     findings: dict[str, Any] = {"recording": str(recording)}
     if models:
@@ -48,11 +49,11 @@ def replay(
         decisions = verify(content)
         findings["decisions"] = asdict(decisions)
         kind = "byte for byte" if decisions.exact else f"with floats within {FLOAT_TOLERANCE:g} (another build)"
-        people.print(f"verified: {decisions.outputs} outputs of {decisions.events} events repeated {kind}")
+        say.print(f"verified: {decisions.outputs} outputs of {decisions.events} events repeated {kind}")
     if from_frames:
         frames = verify_frames(content)
         findings["frames"] = asdict(frames) | {"tolerance": FEATURE_TOLERANCE}
-        people.print(
+        say.print(
             f"frames: {frames.percepts} percepts recomputed, least similarity {frames.similarity_min:.3f} "
             f"(tolerance {FEATURE_TOLERANCE})"
         )

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from viewsep.cli.console import people
+from viewsep.cli.console import results
 from viewsep.recordings.reader import read_recording
 
 
@@ -24,4 +24,4 @@ def report(
     from viewsep.plots.report import report as draw  # matplotlib is slow to import
 
     draw(read_recording(recording), output)
-    people.print(f"report: {output}", soft_wrap=True)
+    results.print(f"report: {output}", soft_wrap=True)

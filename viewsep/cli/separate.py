@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from viewsep.cli.console import people, print_json
+from viewsep.cli.console import MAX_SEED, print_json, results
 from viewsep.cli.live import LiveTable
 from viewsep.config import Config, InterpreterConfig, load_config
 from viewsep.errors import BadInput
@@ -30,7 +30,9 @@ def separate(
     source: Annotated[str | None, typer.Option("--object", help="Any object for the simulated rig to hold.")] = None,
     candidates: Annotated[str | None, typer.Option(help="Comma-separated names.", show_default="all models")] = None,
     interpreter: Annotated[str | None, typer.Option(help="Interpreter by name.", show_default="path")] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of grasp, start view, direction and disturbances.")] = 0,
+    seed: Annotated[
+        int, typer.Option(min=0, max=MAX_SEED, help="Seed of grasp, start view, direction and disturbances.")
+    ] = 0,
     record: Annotated[Path | None, typer.Option(help="Record the task to this MCAP file.")] = None,
     force: Annotated[bool, typer.Option(help="Replace an existing recording.")] = False,
     json: Annotated[bool, typer.Option("--json", help="Print the result as JSON.")] = False,
@@ -88,17 +90,17 @@ def tell(answer: Answer) -> None:
         verdict = {True: " (right)", False: f" (wrong: it is {answer.task.truth})", None: ""}[
             answer.correct if answer.task.truth else None
         ]
-        people.print(f"It is [bold]{answer.result.object}[/bold]{verdict}: {answer.result.reason}.", soft_wrap=True)
+        results.print(f"It is [bold]{answer.result.object}[/bold]{verdict}: {answer.result.reason}.", soft_wrap=True)
     else:
-        people.print(f"[bold]{answer.result.outcome.value}[/bold]: {answer.result.reason}.", soft_wrap=True)
+        results.print(f"[bold]{answer.result.outcome.value}[/bold]: {answer.result.reason}.", soft_wrap=True)
     pose = "" if said["pose_error_deg"] is None else f", pose error {said['pose_error_deg']:.1f}°"
-    people.print(
+    results.print(
         f"{said['looks']} looks, {said['travel_deg']:.0f}° of travel, {said['comparisons']} comparisons{pose} "
         "(simulated rig)",
         highlight=False,
     )
     if said["recording"]:
-        people.print(f"recording: {said['recording']}", soft_wrap=True)
+        results.print(f"recording: {said['recording']}", soft_wrap=True)
 
 
 def _cancel_on_interrupt(session: Session, interrupted: list[int]) -> None:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import cv2
 import numpy as np
+from pydantic import Field
 
 from viewsep.errors import BadInput
 from viewsep.messages import Array, FloatArray
@@ -25,8 +27,8 @@ class ColourCooccurrence:
     histogram intersection of a view with itself is 1. Roll-invariant up to the sampling of eight directions.
     """
 
-    distance_px: int = 4
-    gradient_step: int = 6
+    distance_px: Annotated[int, Field(ge=1, le=31)] = 4
+    gradient_step: Annotated[int, Field(ge=1, le=255)] = 6
 
     @property
     def name(self) -> str:

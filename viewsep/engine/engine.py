@@ -138,7 +138,7 @@ class Engine:
         state = replace(state, failed_moves=0)
         if state.phase is Phase.STARTING:
             return self._go_on(replace(state, phase=Phase.EXPLORING), here)
-        if arrives:  # wait for a percept from here before going on
+        if arrives and not (state.belief and state.belief.fresh):  # wait for a percept from here before going on
             return replace(state, phase=Phase.JUDGING, separating_view=here, dwelling=True, move=None), ()
         return self._go_on(state, here)
 

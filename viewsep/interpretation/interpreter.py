@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
+from pydantic import Field
 
 from viewsep.geometry import mean_rotation
 from viewsep.interfaces import Descriptor, Interpretation
@@ -51,10 +52,10 @@ class PathOptions:
     variant: Variant = "accumulated"
     alignment: Alignment = "fig4"
     rated_by: tuple[Measure, ...] = ()
-    hypotheses: int = 50
-    converged_below_deg2: float = 30.0
-    plausible_within: float = 5.0
-    lost_above_deg: float = 18.0
+    hypotheses: Annotated[int, Field(ge=1, le=10_000)] = 50
+    converged_below_deg2: Annotated[float, Field(gt=0, allow_inf_nan=False)] = 30.0
+    plausible_within: Annotated[float, Field(ge=1, allow_inf_nan=False)] = 5.0
+    lost_above_deg: Annotated[float, Field(gt=0, le=180)] = 18.0
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
+from pydantic import Field
 
 from viewsep.geometry import angle_between
 from viewsep.interfaces import Interpretation, NextView
@@ -29,8 +30,8 @@ class SeparatingOptions:
 
     exploration: Literal["geodesic", "spherical"] = "geodesic"
     start: Literal["random", "current"] = "random"
-    step_deg: float = 10.0
-    apart_deg: float = 30.0
+    step_deg: Annotated[float, Field(ge=1, le=90)] = 10.0
+    apart_deg: Annotated[float, Field(ge=0, le=180)] = 30.0
 
 
 @dataclass(frozen=True, eq=False, slots=True)
