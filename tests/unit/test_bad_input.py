@@ -151,10 +151,12 @@ CASES: dict[str, Case] = {
     "name with a slash": Case(f"{LEARN} box --name a/b", "'a/b' cannot name an object: use letters"),
     "name of nothing": Case(f"{LEARN} box --name=", "'' cannot name an object"),
     "library is a file": Case(
-        "learn -o run.mcap generated:1 --views 12", "cannot write the model run.mcap/.*; choose another", simulated=True
+        "learn -o run.mcap generated:1 --views 12",
+        "cannot make the library run.mcap: .*; choose another",
+        simulated=True,
     ),
     "library below a file": Case(
-        "learn -o run.mcap/lib generated:1 --views 12", "cannot write the model run.mcap/lib/", simulated=True
+        "learn -o run.mcap/lib generated:1 --views 12", "cannot make the library run.mcap/lib: ", simulated=True
     ),
     # libraries
     "no library": Case("models nowhere", "no library at nowhere: make one with `viewsep learn"),

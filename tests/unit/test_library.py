@@ -310,7 +310,7 @@ def test_a_write_that_breaks_off_leaves_the_old_model(tmp_path: Path, monkeypatc
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(Path, "write_bytes", full)
-    with pytest.raises(BadInput, match="No space left on device; choose another library folder"):
+    with pytest.raises(BadInput, match="No space left on device; choose another place"):
         save(model(seed=2), tmp_path)
     assert [path.name for path in tmp_path.iterdir()] == ["tin.viewsep"]
     assert_equal(load(tmp_path / "tin.viewsep"), model(seed=1))
@@ -318,7 +318,7 @@ def test_a_write_that_breaks_off_leaves_the_old_model(tmp_path: Path, monkeypatc
 
 def test_a_library_that_is_a_file_cannot_be_written_to(tmp_path: Path) -> None:
     (tmp_path / "library").write_text("mine")
-    with pytest.raises(BadInput, match="cannot write the model"):
+    with pytest.raises(BadInput, match=r"cannot (write the model|make the library)"):
         save(model(), tmp_path / "library")
     assert (tmp_path / "library").read_text() == "mine"
 

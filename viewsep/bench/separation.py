@@ -15,6 +15,7 @@ from scipy.stats import binomtest
 
 from viewsep.config import Config
 from viewsep.errors import BadInput
+from viewsep.files import write_whole
 from viewsep.learning import learn_object
 from viewsep.models.aspect_graph import AspectGraph
 from viewsep.sim.source import object_name
@@ -32,12 +33,7 @@ class Separations:
 
     def write(self, path: Path) -> None:
         """Write both as JSON, under a temporary name first. Raises BadInput where that is impossible."""
-        partial = path.with_name(f"{path.name}.part")
-        try:
-            partial.write_text(json.dumps({"tasks": self.tasks, "summary": self.summary}, indent=1), encoding="utf-8")
-            partial.replace(path)
-        except OSError as error:
-            raise BadInput(f"cannot write {path}: {error.strerror}; choose another file") from error
+        write_whole(path, json.dumps({"tasks": self.tasks, "summary": self.summary}, indent=1).encode(), "result")
 
 
 def pairs_from(path: Path) -> list[Pair]:

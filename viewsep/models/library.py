@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from viewsep.errors import BadInput, BadModel
+from viewsep.files import write_whole
 from viewsep.models.aspect_graph import AspectGraph, Provenance
 
 SCHEMA_VERSION = 1
@@ -98,14 +99,11 @@ def from_bytes(data: bytes, origin: str) -> AspectGraph:
 def save(model: AspectGraph, library: Path) -> Path:
     """Write `library/NAME.viewsep`, making the folder; returns the path. Raises BadInput where that is impossible."""
     path = library / f"{check_name(model.name)}{SUFFIX}"
-    partial = path.with_suffix(f"{SUFFIX}.part")
     try:
         library.mkdir(parents=True, exist_ok=True)
-        partial.write_bytes(to_bytes(model))
-        partial.replace(path)
     except OSError as error:
-        partial.unlink(missing_ok=True) if library.is_dir() else None
-        raise BadInput(f"cannot write the model {path}: {error.strerror}; choose another library folder") from error
+        raise BadInput(f"cannot make the library {library}: {error.strerror}; choose another folder") from error
+    write_whole(path, to_bytes(model), "model")
     return path
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import suppress
 from io import BytesIO
 from pathlib import Path
 
@@ -14,6 +13,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from viewsep.errors import BadInput
+from viewsep.files import write_whole
 from viewsep.messages import Array, FloatArray
 from viewsep.models.aspect_graph import AspectGraph
 
@@ -60,14 +60,7 @@ def write_png(figure: Figure, path: Path) -> None:
     width, _ = FigureCanvasAgg(figure).get_width_height()
     picture = cv2.cvtColor(np.frombuffer(buffer.getvalue(), np.uint8).reshape(-1, width, 4), cv2.COLOR_RGBA2BGR)
     data = cv2.imencode(".png", picture, [cv2.IMWRITE_PNG_COMPRESSION, 9])[1].tobytes()  # without alpha: smaller
-    partial = path.parent / f"{path.name}.part"
-    try:
-        partial.write_bytes(data)
-        partial.replace(path)
-    except OSError as error:
-        with suppress(OSError):
-            partial.unlink()
-        raise BadInput(f"cannot write the picture {path}: {error.strerror}; choose another file") from error
+    write_whole(path, data, "picture")
 
 
 def sheet_order(directions: FloatArray) -> Array:

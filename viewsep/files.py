@@ -1,0 +1,20 @@
+"""Writing files so that nobody ever sees half of one."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from pathlib import Path
+
+from viewsep.errors import BadInput
+
+
+def write_whole(path: Path, data: bytes, what: str) -> None:
+    """Write `data` under a temporary name and rename it to `path`. Raises BadInput naming `what` and the path."""
+    partial = path.with_name(f"{path.name}.part")
+    try:
+        partial.write_bytes(data)
+        partial.replace(path)
+    except OSError as error:
+        with suppress(OSError):
+            partial.unlink()
+        raise BadInput(f"cannot write the {what} {path}: {error.strerror}; choose another place") from error
