@@ -91,10 +91,11 @@ def path_elements(hits: Array) -> Array:
 
 def distinct_paths(hits: Array, w1: FloatArray) -> Array:
     """Indices of paths (C, H) that differ in their sequence of nodes; of equal ones that with the best timing (w1)."""
-    begins = path_elements(hits)
-    ordinal = np.cumsum(begins, axis=1) - 1
+    path, hit = np.nonzero(path_elements(hits))  # far fewer elements than hits
+    first_element = np.searchsorted(path, np.arange(len(hits)))
+    ordinal = np.arange(len(path)) - first_element[path]
     weights = np.random.default_rng(0).integers(1, 2**62, size=(hits.shape[1],))
-    sequence = (begins * (hits + 1) * weights[ordinal]).sum(axis=1)
+    sequence = np.add.reduceat((hits[path, hit] + 1) * weights[ordinal], first_element)
     order = np.argsort(w1, kind="stable")
     _, first = np.unique(sequence[order], return_index=True)
     return np.sort(order[first])

@@ -138,16 +138,18 @@ class PathInterpreter:
     ) -> Hypotheses:
         """Measure all paths, keep the best of every candidate, and rate those kept in queues of their own."""
         rotation = self._transform(hits, controlled)
+        w1 = path_course(hits, rotation, self.candidates.directions, controlled)
+        if self._loop_free:
+            distinct = distinct_paths(hits, w1)
+            hits, rotation, w1 = hits[distinct], rotation[distinct], w1[distinct]
         measured = Hypotheses(
             hits=hits,
             rotation=rotation,
             w0=similarity[hits[:, -1]],
-            w1=path_course(hits, rotation, self.candidates.directions, controlled),
+            w1=w1,
             w2=accumulated_similarity(hits, best_similarity),
             rating=np.empty(len(hits)),
         )
-        if self._loop_free:
-            measured = measured.take(distinct_paths(hits, measured.w1))
         selection = _rating(measured, SELECTED_BY[self.options.variant])
         kept = measured.take(best_per_candidate(selection, measured.w1, self.owner(measured), self.options.hypotheses))
         rating = _rating(kept, self.options.rated_by or SELECTED_BY[self.options.variant])

@@ -12,9 +12,13 @@ from viewsep.messages import Array, FloatArray
 
 def path_course(hits: Array, rotation: FloatArray, directions: FloatArray, controlled: FloatArray) -> FloatArray:
     """w1 (eq. 3): mean angle in radians between transformed path (C, H) and controlled path (H, 3), hit by hit."""
-    in_object_frame = controlled @ rotation  # (C, H, 3): Rᵀ c, so that only c has to be turned
-    cosine = np.einsum("cht,cht->ch", in_object_frame, directions[hits])
-    course: FloatArray = np.arccos(np.clip(cosine, -1.0, 1.0)).mean(axis=1)
+    count, length = hits.shape
+    # (H, C, 3): Rᵀ c for every path, as one product of two flat matrices
+    in_object_frame = (controlled @ rotation.transpose(1, 0, 2).reshape(3, 3 * count)).reshape(length, count, 3)
+    cosine = np.einsum("hct,hct->hc", in_object_frame, directions[hits.T])
+    np.minimum(cosine, 1.0, out=cosine)
+    np.maximum(cosine, -1.0, out=cosine)
+    course: FloatArray = np.arccos(cosine, out=cosine).mean(axis=0)
     return course
 
 
