@@ -63,7 +63,10 @@ def _frames(first: FloatArray, second: FloatArray) -> FloatArray:
     frames = np.empty((len(first), 3, 3))
     frames[:, :, 0] = first
     frames[:, :, 1] = second
-    frames[:, :, 2] = np.cross(first, second)
+    (a, b, c), (d, e, f) = first.T, second.T
+    frames[:, 0, 2] = b * f - c * e  # numpy's cross takes longer than all the rest here
+    frames[:, 1, 2] = c * d - a * f
+    frames[:, 2, 2] = a * e - b * d
     return frames
 
 
