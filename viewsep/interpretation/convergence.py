@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from viewsep.geometry import mean_rotation
 from viewsep.messages import FloatArray
@@ -22,6 +21,24 @@ def running_variance(means: FloatArray) -> FloatArray:
         return np.full(count, np.inf)
     centre = mean_rotation(means)
     difference = centre.swapaxes(-1, -2) @ means
-    angles = Rotation.from_matrix(difference.reshape(-1, 3, 3)).as_rotvec().reshape(len(means), count, 3)
-    variance: FloatArray = angles.var(axis=0).sum(axis=1)
+    variance: FloatArray = _rotation_vectors(difference).var(axis=0).sum(axis=1)
     return variance
+
+
+def _rotation_vectors(rotations: FloatArray) -> FloatArray:
+    """(..., 3, 3) -> axis times angle (..., 3); about x for the half turns, whose axis the skew part does not show."""
+    skew = 0.5 * np.stack(
+        [
+            rotations[..., 2, 1] - rotations[..., 1, 2],
+            rotations[..., 0, 2] - rotations[..., 2, 0],
+            rotations[..., 1, 0] - rotations[..., 0, 1],
+        ],
+        axis=-1,
+    )
+    sine = np.sqrt((skew * skew).sum(axis=-1))
+    cosine = 0.5 * (np.trace(rotations, axis1=-2, axis2=-1) - 1.0)
+    angle = np.arctan2(sine, cosine)
+    vectors: FloatArray = skew * np.where(sine > 1e-9, angle / np.maximum(sine, 1e-9), 1.0)[..., None]
+    half_turn = (sine <= 1e-9) & (cosine < 0.0)
+    vectors[half_turn] = (np.pi, 0.0, 0.0)
+    return vectors
