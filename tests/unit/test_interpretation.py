@@ -363,7 +363,8 @@ def test_the_running_variance_does_not_depend_on_the_frames() -> None:
 @pytest.mark.parametrize("seed", range(3))
 def test_the_true_pose_is_found_within_one_node_spacing(alignment: Alignment, seed: int) -> None:
     truth = random_rotation(np.random.default_rng(seed))
-    method = interpreter([model("other", 8), model("held", 7)], PathOptions(alignment=alignment))
+    options = PathOptions(alignment=alignment, converged_below_deg2=15.0)
+    method = interpreter([model("other", 8), model("held", 7)], options)
     belief = follow(method, percepts(walk(22), truth, 7))[1][-1]
     assert rotation_angle(belief.rotations[1], truth) < SPACING_RAD
     other, held = belief.estimate.candidates

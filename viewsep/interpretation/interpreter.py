@@ -22,13 +22,16 @@ from viewsep.interpretation.hypotheses import (
     without_loop,
 )
 from viewsep.interpretation.rating import accumulated_similarity, best_per_candidate, mean_position, path_course
-from viewsep.interpretation.transformation import align_start_and_end, align_whole_path
-from viewsep.messages import Array, CandidateEstimate, Estimate, FloatArray, Percept, Phase
+from viewsep.interpretation.transformation import align_start_and_end, align_whole_path, arc_end
+from viewsep.messages import Array, BoolArray, CandidateEstimate, Estimate, FloatArray, Percept, Phase
 from viewsep.models.aspect_graph import AspectGraph
 
 Variant = Literal["initial", "particles", "loop_free", "accumulated"]
 Alignment = Literal["fig4", "wahba"]
 Measure = Literal["w0", "w1", "w2"]
+
+CONVERGED_DEG2: dict[Alignment, float] = {"fig4": 3.0, "wahba": 1.0}
+UNSETTLED = 10.0  # how much higher than it converged a running variance must rise to count as not converged again
 
 SELECTED_BY: dict[Variant, tuple[Measure, ...]] = {
     "initial": ("w0",),
@@ -44,18 +47,27 @@ class PathOptions:
 
     `variant` is the step of section IV.A-D to stop at; `alignment` Fig. 4's transformation or the fit over the whole
     path; `rated_by` the measures that make the final rating (empty: those of the variant); `hypotheses` is N_hypo per
-    candidate; `converged_below_deg2` bounds the running variance; `plausible_within` says how much worse than the
+    candidate; a pose has converged when its running variance falls below `converged_below_deg2` (0: 3 for Fig. 4's
+    transformation and 1 for the fit, which moves less from look to look), until it rises above ten times that;
+    `plausible_within` says how much worse than the
     best a rating may be for the candidate to count as a rival; when no hypothesis at all follows the controlled path
-    within `lost_above_deg` (w1), all are lost and new paths begin.
+    within `lost_above_deg` (w1), all are lost and new paths begin; so they do after `longest_path` hits, when the
+    rating has not decided at several separating views and a fresh start is the better chance.
     """
 
     variant: Variant = "accumulated"
     alignment: Alignment = "fig4"
     rated_by: tuple[Measure, ...] = ()
     hypotheses: Annotated[int, Field(ge=1, le=10_000)] = 50
-    converged_below_deg2: Annotated[float, Field(gt=0, allow_inf_nan=False)] = 30.0
+    converged_below_deg2: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.0
     plausible_within: Annotated[float, Field(ge=1, allow_inf_nan=False)] = 5.0
     lost_above_deg: Annotated[float, Field(gt=0, le=180)] = 18.0
+    longest_path: Annotated[int, Field(ge=10, le=10_000)] = 100
+
+    @property
+    def variance_limit_deg2(self) -> float:
+        """The bound on the running variance that holds for this alignment."""
+        return self.converged_below_deg2 or CONVERGED_DEG2[self.alignment]
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -63,13 +75,14 @@ class PathState:
     """Everything the interpreter remembers between percepts; the percept itself is forgotten (section II.3).
 
     `controlled` (H, 3) is the controlled path p_c; `best_similarity` (M,) is b(n) of eq. 4 (0 where never compared);
-    `recent_means` (W, K, 3, 3) the last mean rotations.
+    `recent_means` (W, K, 3, 3) the last mean rotations; `converged` (K,) whose pose is settled.
     """
 
     controlled: FloatArray
     hypotheses: Hypotheses | None
     best_similarity: FloatArray
     recent_means: FloatArray
+    converged: BoolArray
 
 
 class PathInterpreter:
@@ -91,10 +104,13 @@ class PathInterpreter:
             hypotheses=None,
             best_similarity=np.zeros(len(self.candidates.owner)),
             recent_means=np.empty((0, len(self.candidates.names), 3, 3)),
+            converged=np.zeros(len(self.candidates.names), bool),
         )
 
     def update(self, state: PathState, percept: Percept) -> tuple[PathState, Interpretation]:
         """One iteration: grow the paths, rate them, keep the best N_hypo of every candidate."""
+        if len(state.controlled) >= self.options.longest_path:
+            state = self.start()
         controlled = np.concatenate([state.controlled, percept.view_direction[None]])
         if self._loop_free:
             controlled = without_loop(controlled, self.candidates.spacing_rad)
@@ -105,8 +121,10 @@ class PathInterpreter:
             return self.update(self.start(), percept)
         means = self._mean_rotations(hypotheses)
         recent = np.concatenate([state.recent_means, means[None]])[-WINDOW:]
-        interpretation = self._interpret(hypotheses, recent, percept.stamp_ns, len(controlled), comparisons)
-        return PathState(controlled, hypotheses, best_similarity, recent), interpretation
+        variance = running_variance(recent)
+        converged = self._converged(state.converged, variance)
+        after = PathState(controlled, hypotheses, best_similarity, recent, converged)
+        return after, self._interpret(after, variance, hypotheses, percept.stamp_ns, comparisons)
 
     def owner(self, hypotheses: Hypotheses) -> Array:
         """(P,) index of the candidate each hypothesis belongs to."""
@@ -157,8 +175,8 @@ class PathInterpreter:
 
     def _transform(self, hits: Array, controlled: FloatArray) -> FloatArray:
         """(C, 3, 3) transformation t_i of every path onto the controlled path."""
-        directions = self.candidates.directions
-        by_ends = align_start_and_end(directions[hits[:, 0]], directions[hits[:, -1]], controlled[0], controlled[-1])
+        directions, end = self.candidates.directions, arc_end(controlled)
+        by_ends = align_start_and_end(directions[hits[:, 0]], directions[hits[:, end]], controlled[0], controlled[end])
         if self.options.alignment == "fig4":
             return by_ends
         return align_whole_path(np.einsum("hi,chj->cij", controlled, directions[hits]), by_ends)
@@ -168,11 +186,15 @@ class PathInterpreter:
         owner = self.owner(hypotheses)
         return np.stack([mean_rotation(hypotheses.rotation[owner == k]) for k in range(len(self.candidates.names))])
 
+    def _converged(self, before: BoolArray, variance: FloatArray) -> BoolArray:
+        """(K,) whose pose has settled; one node more or less on the paths does not unsettle it."""
+        limit = np.radians(1.0) ** 2 * self.options.variance_limit_deg2
+        converged: BoolArray = (variance < limit) | (before & (variance < UNSETTLED * limit))
+        return converged
+
     def _interpret(
-        self, hypotheses: Hypotheses, recent: FloatArray, stamp_ns: int, iteration: int, comparisons: int
+        self, state: PathState, variance: FloatArray, hypotheses: Hypotheses, stamp_ns: int, comparisons: int
     ) -> Interpretation:
-        variance = running_variance(recent)
-        converged = np.degrees(np.sqrt(variance)) ** 2 < self.options.converged_below_deg2
         owner = self.owner(hypotheses)
         best = [self._best(hypotheses, owner == k) for k in range(len(self.candidates.names))]
         ratings = hypotheses.rating[best]
@@ -181,7 +203,7 @@ class PathInterpreter:
         plausible[np.argsort(ratings, kind="stable")[:2]] = True  # the runner-up must be refuted by a view, not by luck
         estimate = Estimate(
             stamp_ns=stamp_ns,
-            iteration=iteration,
+            iteration=len(state.controlled),
             phase=Phase.EXPLORING,
             candidates=tuple(
                 CandidateEstimate(
@@ -190,9 +212,9 @@ class PathInterpreter:
                     w0=float(hypotheses.w0[b]),
                     w1=float(hypotheses.w1[b]),
                     w2=float(hypotheses.w2[b]),
-                    rotation=recent[-1, k],
+                    rotation=state.recent_means[-1, k],
                     variance=float(variance[k]),
-                    converged=bool(converged[k]),
+                    converged=bool(state.converged[k]),
                     hypotheses=int(np.count_nonzero(owner == k)),
                 )
                 for k, (name, b) in enumerate(zip(self.candidates.names, best, strict=True))
@@ -203,11 +225,11 @@ class PathInterpreter:
         )
         return Interpretation(
             estimate=estimate,
-            rotations=recent[-1],
-            converged=bool(converged[rivals].all()),
+            rotations=state.recent_means[-1],
+            converged=bool(state.converged[rivals].all()),
             plausible=plausible,
             leader=_leader(ratings, self.options.plausible_within),
-            fresh=len(recent) < WINDOW,
+            fresh=len(state.recent_means) < WINDOW,
         )
 
     def _best(self, hypotheses: Hypotheses, mine: Array) -> int:

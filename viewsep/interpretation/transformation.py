@@ -7,6 +7,18 @@ import numpy as np
 from viewsep.messages import BoolArray, FloatArray
 
 DEGENERATE = 1e-9
+ARC_SINE = np.sin(np.radians(30.0))  # a node spacing and a bit
+
+
+def arc_end(controlled: FloatArray) -> int:
+    """Which hit of the controlled path (H, 3) is the end e_2 of Fig. 4: the last one that spans an arc with the start.
+
+    Close to the start, and to the point opposite, it is the nodes' raster that decides where the arc goes, and with it
+    psi. So the end is the last hit at least 30° away from both, or, while there is none, the one farthest away.
+    """
+    sine = np.linalg.norm(np.cross(controlled[0], controlled), axis=1)
+    clear = np.flatnonzero(sine >= ARC_SINE)
+    return int(clear[-1]) if len(clear) else int(np.argmax(sine))
 
 
 def align_start_and_end(start: FloatArray, end: FloatArray, c_start: FloatArray, c_end: FloatArray) -> FloatArray:

@@ -348,7 +348,7 @@ def _variance(axes: Axes, story: _Story) -> None:
     axes.set_yscale("log")
     _lines(axes, story, variance)
     if isinstance(story.interpreter, PathInterpreter):
-        bound = story.interpreter.options.converged_below_deg2
+        bound = story.interpreter.options.variance_limit_deg2
         axes.axhline(bound, color="black", lw=1.2, ls=(0, (4, 2)), label=f"converged below {bound:g} deg²")
         axes.legend(loc="upper right", fontsize=8.5, framealpha=0.8)
     _label(axes, story, "Running variance of the pose", "deg², summed over the angles")
