@@ -46,15 +46,20 @@ def _renderer_version() -> str:
 
 
 class RenderCache:
-    """A folder of pictures, the user's cache folder by default, of at most about `limit_bytes`.
+    """A folder of pictures of at most about `limit_bytes`; by default the cache folder of whoever runs the process.
 
     Where it gets too large the least recently used go first. A picture is a PNG with the mask as alpha and a checksum
     after its end.
     """
 
     def __init__(self, folder: Path | None = None, limit_bytes: int = LIMIT_BYTES) -> None:
-        self.folder = folder or platformdirs.user_cache_path("viewsep") / "renders"
+        self._folder = folder
         self.limit_bytes = limit_bytes
+
+    @property
+    def folder(self) -> Path:
+        """Where the pictures are; told here, not once for all, as a cache may be sent to another machine."""
+        return self._folder or platformdirs.user_cache_path("viewsep") / "renders"
 
     def get(self, key: str) -> Picture | None:
         """The picture, None where it is not there or damaged. Raises BadInput when the folder cannot be used."""
