@@ -164,8 +164,8 @@ def _backend(workers: Workers) -> Iterator[None]:
         with connected(workers.scheduler) as client, joblib.parallel_config(backend="dask", n_jobs=-1, client=client):
             yield
     else:
-        parent = {"initializer": _end_with, "initargs": (os.getpid(),)} if workers.jobs != 1 else {}
-        with joblib.parallel_config(backend="loky", n_jobs=workers.jobs, **parent):
+        begin = {"initializer": _end_with, "initargs": (os.getpid(),)}
+        with joblib.parallel_config(backend="loky", n_jobs=workers.jobs, **begin):
             yield
 
 
