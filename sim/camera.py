@@ -7,7 +7,7 @@ import numpy as np
 from viewsep.errors import NotConnected, Timeout
 from viewsep.messages import Frame
 from viewsep.sim.disturbances import disturbed
-from viewsep.sim.render import MeshRenderer
+from viewsep.sim.render import Renderer
 from viewsep.sim.world import MEMORY_S, STEP_NS, SimWorld
 
 
@@ -17,7 +17,7 @@ class SimCamera:
     Frames carry the moment of exposure and arrive `latency_s` later; dropped ones never do.
     """
 
-    def __init__(self, world: SimWorld, renderer: MeshRenderer, rate_hz: float = 30.0, seed: int = 0) -> None:
+    def __init__(self, world: SimWorld, renderer: Renderer, rate_hz: float = 30.0, seed: int = 0) -> None:
         self._world = world
         self._renderer = renderer
         self._period_ns = round(1e9 / rate_hz)

@@ -32,12 +32,13 @@ Lines = dict[str, list[Line]]
 class Mesh:
     """A mesh that will render as it should look.
 
-    `path` is the OBJ and `texture` the picture its one material maps. `centre_m` is the middle of the axis-aligned
-    bounding box and `radius_m` the largest distance of a vertex from it, metres in the mesh's own frame. `digest` is
-    the sha256 (hex) over the bytes of OBJ, MTL and texture, wherever they lie.
+    `path` is the OBJ, `material` its MTL and `texture` the picture that its one material maps. `centre_m` is the
+    middle of the axis-aligned bounding box and `radius_m` the largest distance of a vertex from it, metres in the
+    mesh's own frame. `digest` is the sha256 (hex) over the bytes of OBJ, MTL and texture, wherever they lie.
     """
 
     path: Path
+    material: Path
     texture: Path
     centre_m: tuple[float, float, float]
     radius_m: float
@@ -87,6 +88,7 @@ def check_mesh(path: Path) -> Mesh:
     centre = (lowest + highest) / 2
     return Mesh(
         path=path,
+        material=material_path,
         texture=texture,
         centre_m=(float(centre[0]), float(centre[1]), float(centre[2])),
         radius_m=float(np.linalg.norm(points - centre, axis=1).max()),

@@ -95,11 +95,11 @@ class SimMotion:
 
     def _reading(self, stamp_ns: int, motor_rad: tuple[float, ...], moving: bool) -> JointState:
         sigma = float(np.radians(self._world.disturbances.encoder_noise_deg))
-        angles = np.array(motor_rad)
         if sigma > 0:
-            angles = angles + np.random.default_rng([self._seed, 2, stamp_ns]).normal(0.0, sigma, len(angles))
-        angles = np.round(angles / ENCODER_STEP_RAD) * ENCODER_STEP_RAD
-        return JointState(stamp_ns, tuple(angles.tolist()), self._world.setpoint_rad, moving)
+            rng = np.random.default_rng([self._seed, 2, stamp_ns])
+            motor_rad = tuple((motor_rad + rng.normal(0.0, sigma, len(motor_rad))).tolist())
+        angles = tuple(round(q / ENCODER_STEP_RAD) * ENCODER_STEP_RAD for q in motor_rad)
+        return JointState(stamp_ns, angles, self._world.setpoint_rad, moving)
 
 
 def _rounded(position_rad: float, limit: JointLimits) -> float:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol
 
 import cv2
 import numpy as np
@@ -15,6 +16,7 @@ from viewsep.sim.physics import load_pybullet
 
 FIELD_OF_VIEW_DEG = 20.0
 FRAME_FILL = 0.94  # share of the picture's half width that the object's bounding sphere takes
+LOOKS = 1  # to be raised with every change of what pictures look like: caches tell old and new ones apart by it
 SUPERSAMPLING = 2  # the renderer does not smooth: render larger, average down
 
 
@@ -25,8 +27,26 @@ class CameraOptics:
     size_px: int = 128
 
 
+class Renderer(Protocol):
+    """Takes pictures of one mesh. The same pose gives the same picture, bit for bit, whatever was rendered before."""
+
+    mesh: Mesh
+
+    def render(self, camera_direction: FloatArray, rotation: FloatArray) -> tuple[Array, Array]:
+        """Picture (H, W, 3) uint8 RGB on white and mask (H, W) bool.
+
+        `camera_direction` is the (3,) direction from the object to the camera and `rotation` (3, 3) turns the object,
+        both in the world's frame.
+        """
+        ...
+
+    def close(self) -> None:
+        """Leave whatever was opened. Safe to call twice."""
+        ...
+
+
 class MeshRenderer:
-    """One mesh in one pybullet world, centred and scaled so that its bounding sphere fills the picture.
+    """`Renderer` with one mesh in one pybullet world, centred and scaled so that its bounding sphere fills the picture.
 
     The object turns, the camera and the light (on the line of sight) stay: what counts is the rotation of the object
     in the camera's frame. Rendering is bit-reproducible for a rotation, whatever was rendered before.
@@ -50,11 +70,7 @@ class MeshRenderer:
         self._body = pybullet.createMultiBody(0, baseVisualShapeIndex=shape, physicsClientId=self._client)
 
     def render(self, camera_direction: FloatArray, rotation: FloatArray) -> tuple[Array, Array]:
-        """Picture (H, W, 3) uint8 RGB on white and mask (H, W) bool.
-
-        `camera_direction` is the (3,) direction from the object to the camera and `rotation` (3, 3) turns the object,
-        both in the world's frame.
-        """
+        """Picture (H, W, 3) uint8 RGB on white and mask (H, W) bool, as `Renderer` says."""
         pybullet = self._bullet
         x, y, z, w = matrix_to_quaternion(rotation)
         pybullet.resetBasePositionAndOrientation(self._body, [0, 0, 0], [x, y, z, w], physicsClientId=self._client)

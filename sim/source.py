@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import tempfile
+from contextlib import suppress
+from functools import lru_cache
 from pathlib import Path
 
-from viewsep.sim.mesh import check_mesh, find_mesh
-from viewsep.sim.products import parse_product, write_product
-from viewsep.sim.render import CameraOptics, MeshRenderer
+from viewsep.sim.mesh import Mesh, check_mesh, find_mesh
+from viewsep.sim.products import ProductSpec, parse_product, write_product
+from viewsep.sim.render import CameraOptics, MeshRenderer, Renderer
+from viewsep.sim.render_cache import CachedRenderer, RenderCache
 
 GENERATED = "generated:"
 
@@ -24,9 +27,43 @@ def absolute_source(source: str) -> str:
     return source if source.startswith(GENERATED) else str(Path(source).resolve())
 
 
-def open_renderer(source: str, optics: CameraOptics) -> MeshRenderer:
-    """A renderer of the checked mesh. Raises BadInput, BadMesh."""
+def open_renderer(source: str, optics: CameraOptics, cache: RenderCache | None = None) -> Renderer:
+    """A renderer of the checked mesh, which asks the cache first where one is given. Raises BadInput, BadMesh."""
+    if cache is not None:
+        return CachedRenderer(_mesh_of(source), optics, cache, lambda: open_renderer(source, optics))
     if not source.startswith(GENERATED):
-        return MeshRenderer(check_mesh(find_mesh(Path(source))), optics)
+        return MeshRenderer(_mesh_of(source), optics)
     with tempfile.TemporaryDirectory(prefix="viewsep-") as folder:  # the renderer has read it all when it returns
         return MeshRenderer(check_mesh(write_product(parse_product(source), Path(folder))), optics)
+
+
+def _mesh_of(source: str) -> Mesh:
+    """The checked mesh; that of a generated product is gone again. Raises BadInput, BadMesh."""
+    return _product(parse_product(source)) if source.startswith(GENERATED) else _mesh_file(find_mesh(Path(source)))
+
+
+@lru_cache(maxsize=256)
+def _product(spec: ProductSpec) -> Mesh:
+    with tempfile.TemporaryDirectory(prefix="viewsep-") as folder:
+        return check_mesh(write_product(spec, Path(folder)))
+
+
+_checked: dict[Path, tuple[list[tuple[int, int]], Mesh]] = {}
+
+
+def _mesh_file(path: Path) -> Mesh:
+    """The checked mesh; in one process it is read again only when one of its files has changed. Raises BadMesh."""
+    before = _checked.get(path)
+    if before is not None:
+        with suppress(OSError):  # a file that is gone is named by the check
+            if before[0] == _stamps(before[1]):
+                return before[1]
+    mesh = check_mesh(path)
+    _checked[path] = _stamps(mesh), mesh
+    return mesh
+
+
+def _stamps(mesh: Mesh) -> list[tuple[int, int]]:
+    """Size and time of change of the mesh's files. Raises OSError."""
+    states = [path.stat() for path in (mesh.path, mesh.material, mesh.texture)]
+    return [(state.st_size, state.st_mtime_ns) for state in states]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tempfile
+from bisect import bisect_left
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -70,12 +71,12 @@ class SimWorld:
                 str(path), useFixedBase=True, flags=bullet.URDF_USE_INERTIA_FROM_FILE, physicsClientId=self._client
             )
         bullet.setTimeStep(STEP_NS * 1e-9, physicsClientId=self._client)
-        home = [min(max(0.0, limit.lower_rad), limit.upper_rad) for limit in self.geometry.limits]
+        home = self.geometry.home()
         for joint, angle in enumerate(home):
             bullet.resetJointState(self._rig, joint, angle, physicsClientId=self._client)
         now = self.clock.now_ns()
         self._next_step_ns = (now // STEP_NS + 1) * STEP_NS
-        self.moments.append(Moment(now, tuple(home), tuple(home)))
+        self.moments.append(Moment(now, home, home))
         self.drive(home)
         self.clock.on_advance = self._advance
 
@@ -96,9 +97,11 @@ class SimWorld:
 
     def load_at(self, stamp_ns: int) -> FloatArray:
         """True load angles (n,) at a moment in memory, interpolated."""
-        stamps = np.array([moment.stamp_ns for moment in self.moments])
-        loads = np.array([moment.load_rad for moment in self.moments])
-        return np.array([np.interp(stamp_ns, stamps, joint) for joint in loads.T])
+        after = bisect_left(self.moments, stamp_ns, key=lambda moment: moment.stamp_ns)
+        around = [self.moments[max(after - 1, 0)], self.moments[min(after, len(self.moments) - 1)]]
+        stamps = [moment.stamp_ns for moment in around]
+        loads = zip(*(moment.load_rad for moment in around), strict=True)
+        return np.array([np.interp(stamp_ns, stamps, joint) for joint in loads])
 
     def object_rotation(self, stamp_ns: int) -> FloatArray:
         """(3, 3) object -> world at a moment in memory: what the camera sees."""
@@ -126,8 +129,9 @@ class SimWorld:
             bullet.stepSimulation(physicsClientId=client)
             states = bullet.getJointStates(self._rig, joints, physicsClientId=client)
             motor = tuple(float(state[0]) for state in states)
-            load = self.moments[-1].load_rad
-            # the load follows only when the motor has taken up the play
-            load = tuple(min(max(at, q - play), q + play) for at, q in zip(load, motor, strict=True))
+            load = motor
+            if play:  # the load follows only when the motor has taken up the play
+                before = self.moments[-1].load_rad
+                load = tuple(min(max(at, q - play), q + play) for at, q in zip(before, motor, strict=True))
             self.moments.append(Moment(self._next_step_ns, motor, load))
             self._next_step_ns += STEP_NS

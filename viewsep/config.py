@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tomllib
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, Literal
 
@@ -158,8 +159,9 @@ def explain(error: ValidationError) -> str:
     return f"key {key!r} = {first['input']!r}: {first['msg'][0].lower()}{first['msg'][1:]}"
 
 
+@lru_cache(maxsize=8)
 def geometry_of(rig: RigConfig) -> RigGeometry:
-    """The rig's axes, limits and camera. Raises BadConfig."""
+    """The rig's axes, limits and camera, the same object for equal rigs. Raises BadConfig."""
     if not rig.joints:
         return preset(rig.preset or "gimbal", rig.camera_elevation_deg)
     limits = [

@@ -57,3 +57,9 @@ class Timeout(RigError):
 
 class UnreachableView(RigError):
     """A view direction was asked for that no joint angles within the limits show."""
+
+
+class Interrupted(ViewsepError):
+    """Somebody stopped a long run (Ctrl-C, SIGTERM); says what is kept of it and how to go on."""
+
+    exit_code = 130

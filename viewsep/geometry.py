@@ -41,10 +41,15 @@ def azimuth_elevation(direction: FloatArray) -> tuple[float, float]:
 
 def axis_rotation(axis: FloatArray, angle_rad: float) -> FloatArray:
     """(3, 3) rotation by `angle_rad` about the unit vector `axis` (Rodrigues)."""
-    x, y, z = axis
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    cross = cross_matrix(axis)
     rotation: FloatArray = np.eye(3) + np.sin(angle_rad) * cross + (1.0 - np.cos(angle_rad)) * (cross @ cross)
     return rotation
+
+
+def cross_matrix(vector: FloatArray) -> FloatArray:
+    """The (3, 3) matrix K of a (3,) vector with K v = vector x v."""
+    x, y, z = vector
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
 def random_rotation(rng: np.random.Generator) -> FloatArray:

@@ -13,7 +13,15 @@ from functools import cached_property
 import numpy as np
 
 from viewsep.errors import BadConfig, UnreachableView
-from viewsep.geometry import angle_between, axis_rotation, fibonacci_sphere, nearest_points, spherical_direction, unit
+from viewsep.geometry import (
+    angle_between,
+    axis_rotation,
+    cross_matrix,
+    fibonacci_sphere,
+    nearest_points,
+    spherical_direction,
+    unit,
+)
 from viewsep.interfaces import JointLimits
 from viewsep.messages import BoolArray, FloatArray
 
@@ -51,10 +59,11 @@ class RigGeometry:
         views = np.broadcast_to(self.camera_direction, (len(positions_rad), 3))
         jacobian = np.zeros((len(positions_rad), 3, len(self.axes)))
         for joint, (axis, angle) in enumerate(zip(self.axes, positions_rad.T, strict=True)):
-            views = _rotate_back(views, axis, angle)
+            cross = cross_matrix(axis)
+            views = _rotate_back(views, cross, angle)
             for earlier in range(joint):
-                jacobian[:, :, earlier] = _rotate_back(jacobian[:, :, earlier], axis, angle)
-            jacobian[:, :, joint] = -np.cross(axis, views)
+                jacobian[:, :, earlier] = _rotate_back(jacobian[:, :, earlier], cross, angle)
+            jacobian[:, :, joint] = views @ cross
         return views, jacobian
 
     def grid_views(self) -> FloatArray:
@@ -85,12 +94,33 @@ class RigGeometry:
         effort = np.abs(reachable - near).max(axis=1)
         return tuple(float(q) for q in reachable[int(np.argmin(effort))])
 
+    def reaches(self, view_directions: FloatArray) -> BoolArray:
+        """(..., 3) view directions -> (...) bool: whether joint angles within the limits show them.
+
+        Solved together from the home position; where that fails `joints_for` searches the grid.
+        """
+        wanted = view_directions.reshape(-1, 3)
+        home = np.array(self.home())
+        solved = self._solve(np.broadcast_to(home, (len(wanted), len(home))), wanted)
+        shown = self._shows(self._nearest_turns(solved, home), wanted)
+        for missed in np.flatnonzero(~shown):
+            shown[missed] = len(self._solutions(self._starts(wanted[missed], home), wanted[missed], home)) > 0
+        return shown.reshape(view_directions.shape[:-1])
+
+    def home(self) -> tuple[float, ...]:
+        """Joint angles of zero, or of the limit nearest to it."""
+        return tuple(min(max(0.0, limit.lower_rad), limit.upper_rad) for limit in self.limits)
+
     def _solutions(self, starts: FloatArray, view_direction: FloatArray, near: FloatArray) -> FloatArray:
         """Those of (S, n) starts that lead to the view within the limits, as (G, n) joint angles close to `near`."""
         solved = self._nearest_turns(self._solve(starts, view_direction), near)
-        miss = angle_between(self.view_directions(solved), view_direction)
-        found: FloatArray = solved[self.within_limits(solved) & (miss < VIEW_TOLERANCE_RAD)]
+        found: FloatArray = solved[self._shows(solved, view_direction)]
         return found
+
+    def _shows(self, positions_rad: FloatArray, view_directions: FloatArray) -> BoolArray:
+        """(P,) bool: whether joint angles (P, n) are within the limits and show the view, (3,) or one each (P, 3)."""
+        miss = angle_between(self.view_directions(positions_rad), view_directions)
+        return np.asarray(self.within_limits(positions_rad) & (miss < VIEW_TOLERANCE_RAD))
 
     @cached_property
     def _grid(self) -> tuple[FloatArray, FloatArray]:
@@ -112,14 +142,17 @@ class RigGeometry:
         starts: FloatArray = grid[np.concatenate([close[:12], by_effort[:24]])]
         return starts
 
-    def _solve(self, starts: FloatArray, view_direction: FloatArray, iterations: int = 40) -> FloatArray:
-        """Levenberg-Marquardt with fixed damping on (S, n) joint angles, clipped to the limits at every step."""
+    def _solve(self, starts: FloatArray, view_directions: FloatArray, iterations: int = 40) -> FloatArray:
+        """Levenberg-Marquardt with fixed damping on (S, n) joint angles, clipped to the limits at every step.
+
+        One view (3,) for all starts, or one for each (S, 3).
+        """
         lower, upper = self._bounds()
         damping = 1e-4 * np.eye(len(self.axes))
         q = np.clip(starts, lower, upper)
         for _ in range(iterations):
             views, jacobian = self._views_and_jacobian(q)
-            miss = view_direction - views
+            miss = view_directions - views
             if np.abs(miss).max() < 1e-9:
                 break
             transposed = jacobian.swapaxes(1, 2)
@@ -147,11 +180,11 @@ def one_turn(limit: JointLimits) -> tuple[float, float]:
     return max(limit.lower_rad, middle - np.pi), min(limit.upper_rad, middle + np.pi)
 
 
-def _rotate_back(directions: FloatArray, axis: FloatArray, angle: FloatArray) -> FloatArray:
-    """Rot(axis, angle)ᵀ applied to (P, 3) with angles (P,)."""
-    cosine, sine = np.cos(angle)[:, None], np.sin(angle)[:, None]
-    along = (directions @ axis)[:, None] * axis
-    rotated: FloatArray = along + cosine * (directions - along) - sine * np.cross(axis, directions)
+def _rotate_back(directions: FloatArray, cross: FloatArray, angle: FloatArray) -> FloatArray:
+    """Rot(axis, angle)ᵀ applied to (P, 3) with angles (P,) and the axis' cross product matrix (Rodrigues)."""
+    sine, versine = np.sin(angle)[:, None], 1.0 - np.cos(angle)[:, None]
+    turned = directions @ cross
+    rotated: FloatArray = directions + sine * turned + versine * (turned @ cross)
     return rotated
 
 

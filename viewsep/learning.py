@@ -16,17 +16,18 @@ from viewsep.models.aspect_graph import AspectGraph, Provenance
 from viewsep.models.library import check_name
 from viewsep.plugins import make_descriptor
 from viewsep.sim.render import CameraOptics
+from viewsep.sim.render_cache import RenderCache
 from viewsep.sim.source import absolute_source, object_name, open_renderer
 
 THUMBNAIL_PX = 48
 CAMERA_DIRECTION = np.array([1.0, 0.0, 0.0])
 
 
-def learn_object(source: str, name: str, views: int, config: Config) -> AspectGraph:
+def learn_object(source: str, name: str, views: int, config: Config, cache: RenderCache | None = None) -> AspectGraph:
     """The aspect graph of one object from `views` equidistant renders. Raises BadInput, BadMesh."""
     descriptor = make_descriptor(config.descriptor)
     directions = equidistant_sphere(views)
-    renderer = open_renderer(source, CameraOptics(config.camera.size_px))
+    renderer = open_renderer(source, CameraOptics(config.camera.size_px), cache)
     try:
         pictures = [
             renderer.render(CAMERA_DIRECTION, rotation_showing(direction, CAMERA_DIRECTION)) for direction in directions

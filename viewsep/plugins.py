@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import fields
-from importlib.metadata import entry_points
+from functools import cache
+from importlib import metadata
 from typing import Any, cast
 
 from pydantic import TypeAdapter, ValidationError
@@ -14,6 +15,12 @@ from viewsep.errors import BadConfig
 from viewsep.interfaces import Descriptor, Interpreter, Planner
 from viewsep.models.aspect_graph import AspectGraph
 from viewsep.planning.reachable import ReachableViews
+
+
+@cache
+def entry_points(group: str) -> metadata.EntryPoints:
+    """What the installed packages register, read once per process: it takes longer than a look."""
+    return metadata.entry_points(group=group)
 
 
 def names(kind: str) -> list[str]:

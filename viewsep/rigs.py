@@ -12,6 +12,7 @@ from viewsep.sim.clock import SimClock
 from viewsep.sim.disturbances import Disturbances
 from viewsep.sim.motion import SimMotion
 from viewsep.sim.render import CameraOptics
+from viewsep.sim.render_cache import RenderCache
 from viewsep.sim.source import open_renderer
 from viewsep.sim.world import SimWorld
 
@@ -29,11 +30,11 @@ class SimulatedRig:
         return self.world.grasp_at(stamp_ns)
 
 
-def simulated_rig(config: Config, source: str, seed: int) -> SimulatedRig:
+def simulated_rig(config: Config, source: str, seed: int, cache: RenderCache | None = None) -> SimulatedRig:
     """The simulated rig holding an object in an unknown grasp drawn from the seed. Raises BadInput, BadMesh."""
     geometry, clock = geometry_of(config.rig), SimClock()
     disturbances = Disturbances(**config.sim.model_dump())
-    renderer = open_renderer(source, CameraOptics(config.camera.size_px))
+    renderer = open_renderer(source, CameraOptics(config.camera.size_px), cache)
     world = SimWorld(geometry, clock, seed, disturbances)
     camera = SimCamera(world, renderer, config.camera.rate_hz, seed)
     return SimulatedRig(Rig(SimMotion(world, seed), camera, geometry, clock), world, renderer.mesh.digest)

@@ -20,6 +20,7 @@ from viewsep.plugins import make_descriptor
 from viewsep.recording import task_recorder
 from viewsep.rigs import pace_of, simulated_rig
 from viewsep.session import Session
+from viewsep.sim.render_cache import RenderCache
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,13 +91,15 @@ def run_task(
     models: Sequence[AspectGraph],
     listeners: Sequence[Listener] = (),
     on_start: Callable[[Session], None] = lambda _session: None,
+    cache: RenderCache | None = None,
 ) -> Answer:
-    """Carry out a task. `on_start` gets the session before it runs, so that it can be cancelled.
+    """Carry out a task. `on_start` gets the session before it runs, so that it can be cancelled. `cache` saves
+    rendering what was rendered before.
 
     Raises BadInput, BadMesh, RigError. A recording is finished whatever happens.
     """
     engine = make_engine(config, models)
-    simulated = simulated_rig(config, task.source, task.seed)
+    simulated = simulated_rig(config, task.source, task.seed, cache)
     _check_source(task, models, simulated.object_digest)
     session = Session(simulated.rig, engine, make_descriptor(config.descriptor), pace_of(config), listeners)
     on_start(session)

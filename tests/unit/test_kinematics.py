@@ -99,6 +99,21 @@ def test_joints_are_found_for_every_view_the_joints_can_show(
 
 
 @EVERY_PRESET
+def test_many_views_at_once_are_reached_exactly_where_joints_are_found(name: str) -> None:
+    geometry, views = rig(name), np.concatenate([fibonacci_sphere(60), reachable_directions(rig(name), 60)[:40]])
+    reached = geometry.reaches(views)
+    for view, is_reached in zip(views, reached, strict=True):
+        assert geometry.reaches(view) == is_reached
+        if is_reached:
+            assert_shows(geometry, geometry.joints_for(view, geometry.home()), view)
+        else:
+            with pytest.raises(UnreachableView):
+                geometry.joints_for(view, geometry.home())
+    assert reached[60:].all()
+    assert reached[:60].all() == (name == "gimbal")
+
+
+@EVERY_PRESET
 def test_every_reachable_direction_has_joints(name: str) -> None:
     geometry = rig(name)
     views = reachable_directions(geometry)

@@ -102,7 +102,7 @@ def test_the_path_goes_around_what_cannot_be_reached() -> None:
 
 def test_views_that_fall_apart_leave_the_end_alone() -> None:
     caps = np.array([view for view in NODES if abs(view[2]) > 0.85])
-    reachable = ReachableViews(caps, lambda view: bool(abs(view[2]) > 0.85))
+    reachable = ReachableViews(caps, lambda views: np.abs(views[..., 2]) > 0.85)
     np.testing.assert_array_equal(reachable.path(caps[0], caps[-1], STEP_RAD), caps[-1:])
 
 

@@ -132,6 +132,17 @@ def test_steps_lie_on_one_grid_of_time(open_rig: Open) -> None:
     assert stamps == list(range(0, stamps[-1] + 1, STEP_NS))
 
 
+def test_the_load_is_interpolated_between_the_moments_around(open_rig: Open) -> None:
+    rig = open_rig(Disturbances(backlash_deg=1.0))
+    rig.motion.move_to([1.0, -0.5])
+    rig.wait(2.0)
+    stamps = [moment.stamp_ns for moment in rig.world.moments]
+    loads = np.array([moment.load_rad for moment in rig.world.moments])
+    for stamp in [-5, 0, 1, STEP_NS, SECOND_NS + 1_234_567, stamps[-1] - 1, stamps[-1], stamps[-1] + SECOND_NS]:
+        expected = [np.interp(stamp, stamps, joint) for joint in loads.T]
+        np.testing.assert_array_equal(rig.world.load_at(stamp), expected)
+
+
 def test_time_never_goes_back() -> None:
     clock = SimClock(50)
     clock.sleep_until(20)

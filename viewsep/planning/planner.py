@@ -54,7 +54,7 @@ class SeparatingViewPlanner:
         self.models = list(models)
         self.reachable = reachable
         self.options = options or SeparatingOptions()
-        self._shown = np.stack([reachable.nearest(direction) for direction in SIMILARITY_DIRECTIONS])
+        self._shown = reachable.nearest(SIMILARITY_DIRECTIONS)
 
     def start(self, seed: int, view_direction: FloatArray) -> tuple[PlannerState, NextView]:
         """A random start view and a random direction from it (section III.C)."""

@@ -3,50 +3,39 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
-from viewsep.errors import UnreachableView
 from viewsep.geometry import angle_between, great_circle
 from viewsep.kinematics import RigGeometry, reachable_directions
-from viewsep.messages import Array, FloatArray
+from viewsep.messages import Array, BoolArray, FloatArray
 
 
 class ReachableViews:
     """Reachable view directions in the control frame.
 
-    `directions` (M, 3) cover what can be reached; `reaches(c)` says whether a direction (3,) can be shown exactly.
+    `directions` (M, 3) cover what can be reached; `reaches(c)` says which of (..., 3) can be shown exactly: (...) bool.
     """
 
-    def __init__(self, directions: FloatArray, reaches: Callable[[FloatArray], bool]) -> None:
+    def __init__(self, directions: FloatArray, reaches: Callable[[FloatArray], BoolArray]) -> None:
         self.directions = directions
         self.reaches = reaches
         self._tree = cKDTree(directions)
 
     @staticmethod
+    @lru_cache(maxsize=8)
     def of(geometry: RigGeometry) -> ReachableViews:
         """All views of a rig with revolute joints."""
-        home = [min(max(0.0, limit.lower_rad), limit.upper_rad) for limit in geometry.limits]
+        return ReachableViews(reachable_directions(geometry), geometry.reaches)
 
-        def reaches(direction: FloatArray) -> bool:
-            try:
-                geometry.joints_for(direction, home)
-            except UnreachableView:
-                return False
-            return True
-
-        return ReachableViews(reachable_directions(geometry), reaches)
-
-    def nearest(self, direction: FloatArray) -> FloatArray:
-        """`direction` (3,) itself where it can be reached, otherwise the closest of `directions`."""
-        if self.reaches(direction):
-            return direction
-        closest: FloatArray = self.directions[self._tree.query(direction)[1]]
-        return closest
+    def nearest(self, directions: FloatArray) -> FloatArray:
+        """Those of (..., 3) directions that can be reached themselves, for others the closest of `self.directions`."""
+        closest = self.directions[self._tree.query(directions)[1]]
+        return np.where(self.reaches(directions)[..., None], directions, closest)
 
     def path(self, start: FloatArray, end: FloatArray, step_rad: float) -> FloatArray:
         """(N, 3) waypoints after `start` up to and with the reachable `end`, about `step_rad` apart.
@@ -55,7 +44,7 @@ class ReachableViews:
         views; `end` alone where the reachable views fall apart.
         """
         arc = great_circle(start, end, step_rad)
-        if all(self.reaches(point) for point in arc):
+        if self.reaches(arc).all():
             return arc
         inner = self.directions[self._shortest(start, end)]
         waypoints: list[FloatArray] = []
