@@ -134,6 +134,12 @@ def fibonacci_sphere(count: int) -> FloatArray:
     return np.stack([r * np.cos(GOLDEN_ANGLE_RAD * i), r * np.sin(GOLDEN_ANGLE_RAD * i), z], axis=1)
 
 
+def spacing_of(directions: FloatArray) -> float:
+    """Median angle in radians from each of the directions (N, 3), N > 1, to the one closest to it."""
+    chords = np.asarray(cKDTree(directions).query(directions, k=2)[0])[:, 1]
+    return float(np.median(2.0 * np.arcsin(np.minimum(chords / 2.0, 1.0))))
+
+
 def equidistant_sphere(count: int, iterations: int = 300) -> FloatArray:
     """(count, 3) equidistant unit vectors: a Fibonacci spiral relaxed as charges that repel each other.
 
@@ -191,7 +197,7 @@ def _alpha_edges(directions: FloatArray, gap: float) -> Array:
     caps = np.arccos(np.clip(-hull.equations[:, 3], -1.0, 1.0))
     smallest = np.full(len(directions), np.inf)
     np.minimum.at(smallest, hull.simplices.ravel(), np.repeat(caps, 3))
-    spacing = float(np.median(2.0 * np.arcsin(cKDTree(directions).query(directions, k=2)[0][:, 1] / 2.0)))
+    spacing = spacing_of(directions)
     # in equidistant views caps measure 0.6 to 0.85 of the spacing, and 1 where one view is missing; where the spacing
     # differs by direction, as on grids of azimuth and elevation, only caps can be compared with each other
     usual = min(float(np.median(smallest)), WIDEST_CAP_RAD)
