@@ -88,7 +88,7 @@ def test_separate_tells_photographed_objects_apart_and_the_recording_repeats(
 
 def test_people_are_told_that_the_pictures_are_photos(lib: Path, shell: Shell) -> None:
     _, out, _ = shell("separate", "--models", lib, "--truth", "tea", "--seed", 3)
-    assert "(simulated rig, pictures: photos)" in " ".join(out.split())
+    assert "(simulated rig, photos)" in " ".join(out.split())
 
 
 def test_a_model_of_all_photos_sees_those_again_and_this_is_said(photos: Path, tmp_path: Path, shell: Shell) -> None:

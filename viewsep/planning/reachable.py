@@ -11,7 +11,7 @@ from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
 from viewsep.errors import UnreachableView
-from viewsep.geometry import angle_between, great_circle, nearest_points, spacing_of, tangent_towards, view_edges
+from viewsep.geometry import angle_between, great_circle, spacing_of, tangent_towards, view_edges
 from viewsep.kinematics import VIEW_TOLERANCE_RAD, RigGeometry, reachable_directions
 from viewsep.messages import Array, FloatArray
 
@@ -35,11 +35,8 @@ class ReachableViews:
     @staticmethod
     def only(directions: FloatArray) -> ReachableViews:
         """These views (M, 3), M > 1, and nothing between them: those of recorded photos."""
-        return ReachableViews(
-            directions,
-            lambda direction: bool(nearest_points(directions, direction[None])[0][0] < VIEW_TOLERANCE_RAD),
-            single=True,
-        )
+        tree = cKDTree(directions)
+        return ReachableViews(directions, lambda view: bool(tree.query(view)[0] < VIEW_TOLERANCE_RAD), single=True)
 
     @staticmethod
     def of(geometry: RigGeometry) -> ReachableViews:
