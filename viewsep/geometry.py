@@ -14,6 +14,7 @@ from viewsep.messages import Array, FloatArray
 GOLDEN_ANGLE_RAD = np.pi * (3.0 - np.sqrt(5.0))
 GAP = 1.6  # a step this much longer than the usual one leaves something out
 WIDEST_CAP_RAD = np.radians(30.0)  # between views much closer than that, a wider cap is a hole
+WIDEST_EDGE_RAD = np.radians(100.0)  # views from opposite sides share nothing
 ON_RING = 0.2  # views this close to one circle, as a share of the step along it, make a ring
 
 
@@ -166,14 +167,18 @@ def delaunay_edges(directions: FloatArray) -> Array:
 def view_edges(directions: FloatArray, gap: float = GAP) -> Array:
     """(E, 2) int32 sorted pairs of neighbours among views (N, 3) that cover any part of the sphere.
 
-    On whole spheres these are the `delaunay_edges`. Views on a ring are neighbours of the next ones along it. No edge
-    bridges what was not covered: a step along a ring of more than `gap` times the median step, or a facet of the hull
-    whose circumscribed cap has room for a missing view (alpha shape). Fewer than three views have no neighbours.
+    On whole spheres of a dozen views or more these are the `delaunay_edges`. Views on a ring are neighbours of the next
+    ones along it. No edge bridges what was not covered: a step along a ring of more than `gap` times the median step,
+    or a facet of the hull whose circumscribed cap has room for a missing view (alpha shape). Views more than 100
+    degrees apart are no neighbours, and fewer than three views have none.
     """
     if len(directions) < 3:
         return np.empty((0, 2), np.int32)
     along = _along_ring(directions, gap)
-    return _alpha_edges(directions, gap) if along is None else along
+    edges = _alpha_edges(directions, gap) if along is None else along
+    together = np.einsum("ei,ei->e", directions[edges[:, 0]], directions[edges[:, 1]]) > np.cos(WIDEST_EDGE_RAD)
+    near: Array = edges[together]
+    return near
 
 
 def _along_ring(directions: FloatArray, gap: float) -> Array | None:

@@ -61,8 +61,8 @@ def learn_view_set(
     model = _model(name, view_set.directions[chosen], pictures, config, provenance)
     if len(model.edges) == 0:
         raise BadInput(
-            f"{folder}: no two of the {len(chosen)} chosen views are neighbours, so unevenly do they lie; choose views "
-            "at regular steps"
+            f"{folder}: no two of the {len(chosen)} chosen views are neighbours, so far apart do they lie; choose "
+            "more views"
         )
     return model
 

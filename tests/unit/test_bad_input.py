@@ -176,7 +176,7 @@ CASES: dict[str, Case] = {
     "photo damaged": Case(f"{PHOTOS} tin", "tin/v000.png: is not a picture", damaged("tin/v000.png", lambda _: b"x")),
     "photos and a mesh": Case(f"{PHOTOS} tin", "tin: holds both views.csv and tin.obj, so", text("tin/tin.obj", "")),
     "photos too few": Case(f"{PHOTOS} tin --every 9", "tin: 2 of 18 photos as nodes are too few"),
-    "photos unevenly": Case(
+    "nodes twice": Case(
         f"{PHOTOS} tin --nodes n.txt",
         "n.txt, line 2: 'v001.png' is in line 1 already",
         text("n.txt", "v001.png\nv001.png"),

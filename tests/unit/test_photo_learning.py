@@ -60,11 +60,12 @@ def test_too_few_or_scattered_nodes_are_refused(folder: Path, tmp_path: Path) ->
         learn_view_set(folder, "tin", Config(), every=18)
     with pytest.raises(BadInput, match="--every 0: use 1"):
         learn_view_set(folder, "tin", Config(), every=0)
-    far = [(0.0, 0.0), (120.0, 0.0), (240.0, 0.0), (0.0, 80.0)]
+    scattered = write_view_set(tmp_path / "scattered", 1, ring(0.0, 120.0, 240.0))
+    with pytest.raises(BadInput, match="scattered: no two of the 3 chosen views are neighbours, so far apart do they"):
+        learn_view_set(scattered, "scattered", Config())
     nodes = tmp_path / "nodes.txt"
-    scattered = write_view_set(tmp_path / "scattered", 1, far)
     nodes.write_text("v000.png\nv001.png")
-    with pytest.raises(BadInput, match="2 of 4 photos as nodes are too few"):
+    with pytest.raises(BadInput, match="2 of 3 photos as nodes are too few"):
         learn_view_set(scattered, "scattered", Config(), nodes=nodes)
 
 

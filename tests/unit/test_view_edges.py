@@ -57,7 +57,7 @@ def test_on_whole_spheres_they_are_the_delaunay_edges(sphere: type, count: int) 
 
 
 @given(
-    count=st.integers(3, 80),
+    count=st.integers(4, 80),
     elevation_deg=st.floats(-75, 75),
     seed=st.integers(0, 999),
     noise=st.floats(0, 0.03),
@@ -88,6 +88,12 @@ def test_a_gap_in_a_ring_is_not_bridged(missing: set[int], elevation_deg: float,
 def test_an_arc_has_two_ends() -> None:
     assert pairs(view_edges(views(*((a, 25.0) for a in range(0, 130, 10))))) == {(k, k + 1) for k in range(12)}
     assert pairs(view_edges(views(*((40.0, e) for e in range(-40, 50, 10))))) == {(k, k + 1) for k in range(8)}
+
+
+def test_views_from_opposite_sides_are_no_neighbours() -> None:
+    assert pairs(view_edges(views(*((a, 0.0) for a in range(0, 360, 90))))) == whole_ring(4)
+    assert len(view_edges(views(*((a, 0.0) for a in range(0, 360, 120))))) == 0
+    assert len(view_edges(views(*((a, -19.5) for a in range(0, 360, 120)), (0.0, 90.0)))) == 0  # a tetrahedron
 
 
 def test_fewer_than_three_views_have_no_neighbours() -> None:

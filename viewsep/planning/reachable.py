@@ -62,12 +62,12 @@ class ReachableViews:
     def onward(self, view: FloatArray, heading: FloatArray) -> FloatArray:
         """Of the views next to `view` (3,) the one whose direction differs least from the unit tangent `heading`.
 
-        Where nothing lies next to it, the closest other view.
+        Where nothing lies next to it, of all other views.
         """
         here = int(self._tree.query(view)[1])
         near = np.concatenate([self._pairs[self._pairs[:, k] == here, 1 - k] for k in (0, 1)])
         if len(near) == 0:
-            near = np.asarray(self._tree.query(self.directions[here], k=2)[1])[1:]
+            near = np.delete(np.arange(len(self.directions)), here)
         ahead = tangent_towards(view, self.directions[near]) @ heading
         next_one: FloatArray = self.directions[int(near[int(np.argmax(ahead))])]
         return next_one
