@@ -13,7 +13,7 @@ from viewsep.config import Config, JointConfig, RigConfig, geometry_of
 from viewsep.errors import BadConfig, BadInput
 from viewsep.geometry import nearest_points
 from viewsep.kinematics import PRESET_SPEED_DEG_S as SPEED
-from viewsep.messages import Array, FloatArray
+from viewsep.messages import FloatArray
 from viewsep.models.aspect_graph import AspectGraph
 from viewsep.session import Pace, Rig
 from viewsep.sim.camera import SimCamera
@@ -63,14 +63,10 @@ def rig_holding(source: str, models: Sequence[AspectGraph], config: Config, seed
     if not is_view_set(Path(source)):
         return simulated_rig(config, source, seed)
     view_set = read_view_set(Path(source))
-    every = np.arange(len(view_set.images))
-    for model in models:
-        if model.provenance.source_digest == view_set.digest:
-            shown = held_out(view_set, model)
-            if len(shown) > 0:
-                return photo_rig(config, view_set, shown.tolist(), seed)
-            return photo_rig(config, view_set, every.tolist(), seed, PictureKind.LEARNED_PHOTOS)
-    return photo_rig(config, view_set, every.tolist(), seed)
+    shown = held_out(view_set, models)
+    if len(shown) > 0:
+        return photo_rig(config, view_set, shown, seed)
+    return photo_rig(config, view_set, range(len(view_set.images)), seed, PictureKind.LEARNED_PHOTOS)
 
 
 def simulated_rig(config: Config, source: str, seed: int) -> SimulatedRig:
@@ -119,10 +115,13 @@ def photo_rig(
     return SimulatedRig(Rig(SimMotion(plate, seed), camera, geometry, clock), plate, view_set.digest, config, pictures)
 
 
-def held_out(view_set: ViewSet, model: AspectGraph) -> Array:
-    """Indices of the photos whose directions are no nodes of the model."""
-    gap = nearest_points(model.directions, view_set.directions)[0]
-    return np.flatnonzero(gap > SAME_VIEW_RAD)
+def held_out(view_set: ViewSet, models: Sequence[AspectGraph]) -> list[int]:
+    """Indices of the photos whose directions are no nodes of any model that was learned from this view set."""
+    free = np.ones(len(view_set.images), bool)
+    for model in models:
+        if model.provenance.source_digest == view_set.digest:
+            free &= nearest_points(model.directions, view_set.directions)[0] > SAME_VIEW_RAD
+    return [int(index) for index in np.flatnonzero(free)]
 
 
 def _rig_of(angles_deg: FloatArray, given: RigConfig, folder: str) -> RigConfig:
