@@ -7,19 +7,19 @@ import numpy as np
 from viewsep.errors import NotConnected, Timeout
 from viewsep.messages import Frame
 from viewsep.sim.disturbances import disturbed
-from viewsep.sim.render import Renderer
-from viewsep.sim.world import MEMORY_S, STEP_NS, SimWorld
+from viewsep.sim.render import Pictures
+from viewsep.sim.world import MEMORY_S, STEP_NS, World
 
 
 class SimCamera:
-    """`CameraSource` that exposes at a fixed rate and renders a frame when somebody reads it.
+    """`CameraSource` that exposes at a fixed rate and makes the picture when somebody reads the frame.
 
     Frames carry the moment of exposure and arrive `latency_s` later; dropped ones never do.
     """
 
-    def __init__(self, world: SimWorld, renderer: Renderer, rate_hz: float = 30.0, seed: int = 0) -> None:
+    def __init__(self, world: World, pictures: Pictures, rate_hz: float = 30.0, seed: int = 0) -> None:
         self._world = world
-        self._renderer = renderer
+        self._pictures = pictures
         self._period_ns = round(1e9 / rate_hz)
         self._seed = seed
         self._connected = False
@@ -52,7 +52,7 @@ class SimCamera:
         seen_ns = -(-stamp_ns // STEP_NS) * STEP_NS  # where the object was is known when the physics has got that far
         clock.sleep_until(max(arrival_ns, seen_ns))
         self._count_drops(sequence)
-        image, mask = self._renderer.render(
+        image, mask = self._pictures.render(
             self._world.geometry.camera_direction, self._world.object_rotation(stamp_ns)
         )
         image, mask = disturbed(image, mask, d, self._rng(sequence, 4))
@@ -64,9 +64,9 @@ class SimCamera:
         return self._drops
 
     def close(self) -> None:
-        """Leave the world and the renderer."""
+        """Leave the world and the pictures."""
         self._connected = False
-        self._renderer.close()
+        self._pictures.close()
 
     def _count_drops(self, sequence: int) -> None:
         if self._world.disturbances.drop_rate > 0:

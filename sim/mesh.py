@@ -58,7 +58,7 @@ def find_mesh(source: Path) -> Path:
         raise BadMesh(f"{source}: does not exist; name an .obj file or a folder that holds one")
     found = sorted(path for path in source.iterdir() if path.suffix.lower() == ".obj")
     if not found:
-        raise BadMesh(f"{source}: the folder holds no .obj file; name the mesh file")
+        raise BadMesh(f"{source}: the folder holds no .obj file; name the mesh file, or list photos in views.csv")
     if len(found) > 1:
         raise BadMesh(f"{source}: the folder holds several meshes ({_names(p.name for p in found)}); name one file")
     return found[0]

@@ -9,7 +9,7 @@ import numpy as np
 from viewsep.errors import MoveRefused, NotConnected
 from viewsep.interfaces import JointLimits
 from viewsep.messages import JointState
-from viewsep.sim.world import STEP_NS, SimWorld
+from viewsep.sim.world import STEP_NS, Moment, World
 
 READ_EVERY = 4  # physics steps between two encoder readings: 62.5 Hz
 ENCODER_STEP_RAD = 2.0 * np.pi / 4096
@@ -17,9 +17,9 @@ MOVING_RAD = np.radians(0.02)  # change from one reading to the next
 
 
 class SimMotion:
-    """`MotionBackend` on a SimWorld. The encoder sees the motor, not the load behind the play, and has steps."""
+    """`MotionBackend` on a simulated world. The encoders have steps; where they sit is the world's choice."""
 
-    def __init__(self, world: SimWorld, seed: int = 0) -> None:
+    def __init__(self, world: World, seed: int = 0) -> None:
         self._world = world
         self._seed = seed
         self._connected = False
@@ -34,7 +34,7 @@ class SimMotion:
         return self._world.geometry.limits
 
     def move_to(self, position_rad: Sequence[float]) -> tuple[float, ...]:
-        """Start moving; set-points are rounded to the encoder's steps."""
+        """Start moving; set-points are rounded to the encoder's steps, and by the world to where it can rest."""
         self._check()
         limits = self.limits()
         if len(position_rad) != len(limits):
@@ -47,8 +47,7 @@ class SimMotion:
                     f"[{np.degrees(limit.lower_rad):g}, {np.degrees(limit.upper_rad):g}] deg"
                 )
             commanded.append(_rounded(q, limit))
-        self._world.drive(commanded)
-        return tuple(commanded)
+        return self._world.drive(commanded)
 
     def read_state(self) -> JointState:
         """The newest encoder reading."""
@@ -85,21 +84,22 @@ class SimMotion:
         chosen = []
         for index in range(len(moments) - 1, -1, -1):
             moment = moments[index]
-            if moment.stamp_ns % period_ns == 0 or index == 0:
+            if moment.stamp_ns % period_ns == 0 or moment.click or index == 0:
                 before = moments[max(0, index - READ_EVERY)]
                 moved = max(abs(a - b) for a, b in zip(moment.motor_rad, before.motor_rad, strict=True))
-                chosen.append(self._reading(moment.stamp_ns, moment.motor_rad, bool(moved > MOVING_RAD)))
+                chosen.append(self._reading(moment, bool(moved > MOVING_RAD)))
                 if moment.stamp_ns <= since_ns:
                     break
         return tuple(reversed(chosen))
 
-    def _reading(self, stamp_ns: int, motor_rad: tuple[float, ...], moving: bool) -> JointState:
+    def _reading(self, moment: Moment, moving: bool) -> JointState:
         sigma = float(np.radians(self._world.disturbances.encoder_noise_deg))
+        angles = moment.load_rad if self._world.encoder_on_load else moment.motor_rad
         if sigma > 0:
-            rng = np.random.default_rng([self._seed, 2, stamp_ns])
-            motor_rad = tuple((motor_rad + rng.normal(0.0, sigma, len(motor_rad))).tolist())
-        angles = tuple(round(q / ENCODER_STEP_RAD) * ENCODER_STEP_RAD for q in motor_rad)
-        return JointState(stamp_ns, angles, self._world.setpoint_rad, moving)
+            rng = np.random.default_rng([self._seed, 2, moment.stamp_ns])
+            angles = tuple((angles + rng.normal(0.0, sigma, len(angles))).tolist())
+        steps = tuple(round(q / ENCODER_STEP_RAD) * ENCODER_STEP_RAD for q in angles)
+        return JointState(moment.stamp_ns, steps, self._world.setpoint_rad, moving)
 
 
 def _rounded(position_rad: float, limit: JointLimits) -> float:

@@ -27,13 +27,11 @@ class CameraOptics:
     size_px: int = 128
 
 
-class Renderer(Protocol):
-    """Takes pictures of one mesh. The same pose gives the same picture, bit for bit, whatever was rendered before."""
-
-    mesh: Mesh
+class Pictures(Protocol):
+    """How an object looks: rendered from a mesh, or photos of it."""
 
     def render(self, camera_direction: FloatArray, rotation: FloatArray) -> tuple[Array, Array]:
-        """Picture (H, W, 3) uint8 RGB on white and mask (H, W) bool.
+        """Picture (H, W, 3) uint8 RGB and mask (H, W) bool.
 
         `camera_direction` is the (3,) direction from the object to the camera and `rotation` (3, 3) turns the object,
         both in the world's frame.
@@ -43,6 +41,12 @@ class Renderer(Protocol):
     def close(self) -> None:
         """Leave whatever was opened. Safe to call twice."""
         ...
+
+
+class Renderer(Pictures, Protocol):
+    """Pictures of one mesh. The same pose gives the same picture, bit for bit, whatever was rendered before."""
+
+    mesh: Mesh
 
 
 class MeshRenderer:
@@ -70,7 +74,7 @@ class MeshRenderer:
         self._body = pybullet.createMultiBody(0, baseVisualShapeIndex=shape, physicsClientId=self._client)
 
     def render(self, camera_direction: FloatArray, rotation: FloatArray) -> tuple[Array, Array]:
-        """Picture (H, W, 3) uint8 RGB on white and mask (H, W) bool, as `Renderer` says."""
+        """Picture (H, W, 3) uint8 RGB on white and mask (H, W) bool, on white, as `Pictures` says."""
         pybullet = self._bullet
         x, y, z, w = matrix_to_quaternion(rotation)
         pybullet.resetBasePositionAndOrientation(self._body, [0, 0, 0], [x, y, z, w], physicsClientId=self._client)

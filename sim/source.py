@@ -1,4 +1,4 @@
-"""Objects for the simulated rig: mesh files, folders that hold one, and generated products."""
+"""Objects for the simulated rig: mesh files, folders that hold one or a view set, and generated products."""
 
 from __future__ import annotations
 
@@ -11,14 +11,17 @@ from viewsep.sim.mesh import Mesh, check_mesh, find_mesh
 from viewsep.sim.products import ProductSpec, parse_product, write_product
 from viewsep.sim.render import CameraOptics, MeshRenderer, Renderer
 from viewsep.sim.render_cache import CachedRenderer, RenderCache
+from viewsep.sim.view_set import is_view_set
 
 GENERATED = "generated:"
 
 
 def object_name(source: str) -> str:
-    """The object's name: a generated product's own, otherwise that of the folder the mesh is in. Raises BadInput."""
+    """The object's name: a generated product's own, otherwise that of the mesh's or photos' folder. Raises BadInput."""
     if source.startswith(GENERATED):
         return parse_product(source).name
+    if is_view_set(Path(source)):
+        return Path(source).resolve().name
     return find_mesh(Path(source)).resolve().parent.name
 
 

@@ -8,6 +8,7 @@ from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 
@@ -26,11 +27,58 @@ MEMORY_S = 20.0
 
 @dataclass(frozen=True, slots=True)
 class Moment:
-    """The truth after one physics step: motor angles (before the play of the joints) and load angles (after it)."""
+    """The truth at one moment: motor angles, and load angles, which are those of the object's holder.
+
+    At a `click` the load has just jumped, or is about to: encoders on it are read then as well.
+    """
 
     stamp_ns: int
     motor_rad: tuple[float, ...]
     load_rad: tuple[float, ...]
+    click: bool = False
+
+
+class World(Protocol):
+    """What SimMotion drives and SimCamera looks at: joints, the object they hold, and a memory of the last seconds.
+
+    `encoder_on_load` says whether the encoders see the load, or the motors.
+    """
+
+    geometry: RigGeometry
+    clock: SimClock
+    disturbances: Disturbances
+    moments: deque[Moment]
+    setpoint_rad: tuple[float, ...]
+    encoder_on_load: bool
+
+    def open(self) -> None:
+        """Begin; does nothing when begun already."""
+        ...
+
+    def drive(self, setpoint_rad: Sequence[float]) -> tuple[float, ...]:
+        """Start moving to the set-points; returns those that the joints will really come to."""
+        ...
+
+    def object_rotation(self, stamp_ns: int) -> FloatArray:
+        """(3, 3) object -> world at a moment in memory: what the camera sees."""
+        ...
+
+    def grasp_at(self, stamp_ns: int) -> FloatArray:
+        """(3, 3) object -> control at a moment."""
+        ...
+
+    def close(self) -> None:
+        """End. Safe to call twice."""
+        ...
+
+
+def load_at(moments: Sequence[Moment], stamp_ns: int) -> FloatArray:
+    """True load angles (n,) at a moment in memory, interpolated."""
+    after = bisect_left(moments, stamp_ns, key=lambda moment: moment.stamp_ns)
+    around = [moments[max(after - 1, 0)], moments[min(after, len(moments) - 1)]]
+    stamps = [moment.stamp_ns for moment in around]
+    loads = zip(*(moment.load_rad for moment in around), strict=True)
+    return np.array([np.interp(stamp_ns, stamps, joint) for joint in loads])
 
 
 class SimWorld:
@@ -39,6 +87,8 @@ class SimWorld:
     `grasp` (3, 3) is the true rotation R, object -> control; drawn from the seed unless given. Steps lie on a fixed
     grid of simulated time, so the course of events does not depend on how the clock is read.
     """
+
+    encoder_on_load = False  # but before the play of the joints
 
     def __init__(
         self,
@@ -80,7 +130,7 @@ class SimWorld:
         self.drive(home)
         self.clock.on_advance = self._advance
 
-    def drive(self, setpoint_rad: Sequence[float]) -> None:
+    def drive(self, setpoint_rad: Sequence[float]) -> tuple[float, ...]:
         """Give every joint's position controller a set-point."""
         self.setpoint_rad = tuple(float(q) for q in setpoint_rad)
         for joint, (angle, limit) in enumerate(zip(self.setpoint_rad, self.geometry.limits, strict=True)):
@@ -94,14 +144,11 @@ class SimWorld:
                 force=EFFORT_NM,
                 physicsClientId=self._client,
             )
+        return self.setpoint_rad
 
     def load_at(self, stamp_ns: int) -> FloatArray:
         """True load angles (n,) at a moment in memory, interpolated."""
-        after = bisect_left(self.moments, stamp_ns, key=lambda moment: moment.stamp_ns)
-        around = [self.moments[max(after - 1, 0)], self.moments[min(after, len(self.moments) - 1)]]
-        stamps = [moment.stamp_ns for moment in around]
-        loads = zip(*(moment.load_rad for moment in around), strict=True)
-        return np.array([np.interp(stamp_ns, stamps, joint) for joint in loads])
+        return load_at(self.moments, stamp_ns)
 
     def object_rotation(self, stamp_ns: int) -> FloatArray:
         """(3, 3) object -> world at a moment in memory: what the camera sees."""

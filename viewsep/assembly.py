@@ -6,10 +6,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from viewsep.config import Config, geometry_of
+from viewsep.config import Config, RigConfig, geometry_of
 from viewsep.engine.engine import Engine
 from viewsep.engine.state import TaskLimits
-from viewsep.errors import BadInput, BadModel
+from viewsep.errors import BadConfig, BadInput, BadModel
+from viewsep.geometry import spherical_direction
 from viewsep.interfaces import Descriptor
 from viewsep.models.aspect_graph import AspectGraph
 from viewsep.planning.reachable import ReachableViews
@@ -26,7 +27,7 @@ def make_engine(config: Config, models: Sequence[AspectGraph]) -> Engine:
     check_descriptor(models, descriptor)
     return Engine(
         make_interpreter(config.interpreter, models, descriptor),
-        make_planner(config.planner, models, ReachableViews.of(geometry_of(config.rig))),
+        make_planner(config.planner, models, reachable_views(config.rig)),
         TaskLimits(
             look_every_rad=float(np.radians(config.task.look_every_deg)),
             judge_within_rad=float(np.radians(config.task.judge_within_deg)),
@@ -36,6 +37,15 @@ def make_engine(config: Config, models: Sequence[AspectGraph]) -> Engine:
             max_missing_frames=config.task.max_missing_frames,
         ),
     )
+
+
+def reachable_views(rig: RigConfig) -> ReachableViews:
+    """What the planner may ask for: all views of the joints, or exactly those of the photos. Raises BadConfig."""
+    if rig.backend != "photos":
+        return ReachableViews.of(geometry_of(rig))
+    if not rig.views_deg:
+        raise BadConfig("rig.backend = 'photos', but no view set is held: name a folder of photos, or use 'sim'")
+    return ReachableViews.only(np.array([spherical_direction(*view) for view in np.radians(rig.views_deg)]))
 
 
 def check_descriptor(models: Sequence[AspectGraph], descriptor: Descriptor) -> None:

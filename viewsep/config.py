@@ -5,7 +5,7 @@ from __future__ import annotations
 import tomllib
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
@@ -34,13 +34,15 @@ class JointConfig(Section):
 class RigConfig(Section):
     """Which joints hold the object and where the camera is: a preset (`gimbal` by default) or `joints`.
 
-    `camera_elevation_deg` overrides the preset's; own joints have 0 by default.
+    `camera_elevation_deg` overrides the preset's; own joints have 0 by default. `views_deg` are the only views that a
+    rig with photos shows, azimuth and elevation in the control frame; they follow from the photos and are filled in.
     """
 
-    backend: Literal["sim"] = "sim"
+    backend: Literal["sim", "photos"] = "sim"
     preset: str | None = None
     joints: tuple[JointConfig, ...] = ()
     camera_elevation_deg: float | None = Field(default=None, ge=-90, le=90)
+    views_deg: tuple[tuple[float, Annotated[float, Field(ge=-90, le=90)]], ...] = ()
 
 
 class CameraConfig(Section):
@@ -143,6 +145,10 @@ def parse_config(table: Any, origin: str) -> Config:
         )
     if rig.joints and rig.preset is not None:
         raise BadConfig(f"{origin}: keys 'rig.preset' and 'rig.joints' exclude each other: remove one")
+    if rig.views_deg and rig.backend != "photos":
+        raise BadConfig(
+            f"{origin}: key 'rig.views_deg' goes with rig.backend = 'photos', not {rig.backend!r}: remove it"
+        )
     try:
         geometry_of(rig)
     except BadConfig as error:

@@ -12,6 +12,10 @@ from scipy.spatial.transform import Rotation
 from viewsep.messages import Array, FloatArray
 
 GOLDEN_ANGLE_RAD = np.pi * (3.0 - np.sqrt(5.0))
+GAP = 1.6  # a step this much longer than the usual one leaves something out
+WIDEST_CAP_RAD = np.radians(30.0)  # between views much closer than that, a wider cap is a hole
+WIDEST_EDGE_RAD = np.radians(100.0)  # views from opposite sides share nothing
+ON_RING = 0.2  # views this close to one circle, as a share of the step along it, make a ring
 
 
 def unit(vectors: FloatArray) -> FloatArray:
@@ -136,6 +140,12 @@ def fibonacci_sphere(count: int) -> FloatArray:
     return np.stack([r * np.cos(GOLDEN_ANGLE_RAD * i), r * np.sin(GOLDEN_ANGLE_RAD * i), z], axis=1)
 
 
+def spacing_of(directions: FloatArray) -> float:
+    """Median angle in radians from each of the directions (N, 3), N > 1, to the one closest to it."""
+    chords = np.asarray(cKDTree(directions).query(directions, k=2)[0])[:, 1]
+    return float(np.median(2.0 * np.arcsin(np.minimum(chords / 2.0, 1.0))))
+
+
 def equidistant_sphere(count: int, iterations: int = 300) -> FloatArray:
     """(count, 3) equidistant unit vectors: a Fibonacci spiral relaxed as charges that repel each other.
 
@@ -156,7 +166,63 @@ def equidistant_sphere(count: int, iterations: int = 300) -> FloatArray:
 def delaunay_edges(directions: FloatArray) -> Array:
     """(E, 2) int32 sorted node pairs of the Delaunay triangulation on the sphere, which is the convex hull."""
     faces = ConvexHull(directions).simplices
-    pairs = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    return _sorted_pairs(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]))
+
+
+def view_edges(directions: FloatArray, gap: float = GAP) -> Array:
+    """(E, 2) int32 sorted pairs of neighbours among views (N, 3) that cover any part of the sphere.
+
+    On whole spheres of a dozen views or more these are the `delaunay_edges`. Views on a ring are neighbours of the next
+    ones along it. No edge bridges what was not covered: a step along a ring of more than `gap` times the median step,
+    or a facet of the hull whose circumscribed cap has room for a missing view (alpha shape). Views more than 100
+    degrees apart are no neighbours, and fewer than three views have none.
+    """
+    if len(directions) < 3:
+        return np.empty((0, 2), np.int32)
+    along = _along_ring(directions, gap)
+    edges = _alpha_edges(directions, gap) if along is None else along
+    together = np.einsum("ei,ei->e", directions[edges[:, 0]], directions[edges[:, 1]]) > np.cos(WIDEST_EDGE_RAD)
+    near: Array = edges[together]
+    return near
+
+
+def _along_ring(directions: FloatArray, gap: float) -> Array | None:
+    """Edges between consecutive views (N, 3) of a ring, or None where they do not lie on one circle."""
+    axis = np.linalg.svd(directions - directions.mean(axis=0), full_matrices=False)[2][2]
+    side = perpendicular(axis)
+    around = np.arctan2(directions @ np.cross(axis, side), directions @ side)
+    order = np.argsort(around, kind="stable")
+    steps = np.diff(around[order], append=around[order[0]] + 2.0 * np.pi)
+    polar = np.arccos(np.clip(directions @ axis, -1.0, 1.0))
+    middle = float(np.median(polar))
+    if np.abs(polar - middle).max() > ON_RING * np.median(steps) * np.sin(middle):
+        return None
+    kept = steps <= gap * np.median(steps)
+    return _sorted_pairs(np.stack([order, np.roll(order, -1)], axis=1)[kept])
+
+
+def _alpha_edges(directions: FloatArray, gap: float) -> Array:
+    """Edges of the hull's facets without holes, and short edges with nothing between their ends (Gabriel)."""
+    hull = ConvexHull(directions)
+    caps = np.arccos(np.clip(-hull.equations[:, 3], -1.0, 1.0))
+    smallest = np.full(len(directions), np.inf)
+    np.minimum.at(smallest, hull.simplices.ravel(), np.repeat(caps, 3))
+    spacing = spacing_of(directions)
+    # in equidistant views caps measure 0.6 to 0.85 of the spacing, and 1 where one view is missing; where the spacing
+    # differs by direction, as on grids of azimuth and elevation, only caps can be compared with each other
+    usual = min(float(np.median(smallest)), WIDEST_CAP_RAD)
+    largest = gap / GAP * max(0.93 * spacing, 1.3 * usual)
+    corners = hull.simplices[caps <= largest]
+    kept = _sorted_pairs(np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [2, 0]]]))
+    pairs = delaunay_edges(directions)
+    middles = unit(directions[pairs].sum(axis=1))
+    half = 0.5 * angle_between(directions[pairs[:, 0]], directions[pairs[:, 1]])
+    empty = nearest_points(directions, middles)[0] > 2.0 * np.sin(half / 2.0) - 1e-9
+    return _sorted_pairs(np.concatenate([kept, pairs[empty & (half <= 0.5 * gap * spacing)]]))
+
+
+def _sorted_pairs(pairs: Array) -> Array:
+    """(E, 2) int32: each pair once, smaller index first, in order."""
     return np.unique(np.sort(pairs, axis=1), axis=0).astype(np.int32)
 
 

@@ -18,7 +18,7 @@ from viewsep.messages import Result
 from viewsep.models.aspect_graph import AspectGraph
 from viewsep.plugins import make_descriptor
 from viewsep.recording import task_recorder
-from viewsep.rigs import pace_of, simulated_rig
+from viewsep.rigs import PictureKind, pace_of, rig_holding
 from viewsep.session import Session
 from viewsep.sim.render_cache import RenderCache
 
@@ -39,12 +39,16 @@ class Task:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Answer:
-    """The engine's result beside the truth. `pose_error_rad` is nan where the truth is not among the candidates."""
+    """The engine's result beside the truth. `pose_error_rad` is nan where the truth is not among the candidates.
+
+    `pictures` says what the simulated rig's camera showed.
+    """
 
     task: Task
     result: Result
     correct: bool | None
     pose_error_rad: float
+    pictures: PictureKind
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON: degrees, quaternion x, y, z, w."""
@@ -62,7 +66,8 @@ class Answer:
             "travel_deg": float(np.degrees(result.travel_rad)),
             "comparisons": result.comparisons,
             "seed": self.task.seed,
-            "simulated": True,
+            "simulated": True,  # the rig, whatever its pictures are
+            "pictures": self.pictures.value,
             "recording": str(self.task.record) if self.task.record else None,
         }
 
@@ -74,8 +79,8 @@ def held_object(models: Sequence[AspectGraph], truth: str | None, source: str | 
     """
     if (truth is None) == (source is None):
         raise BadInput(
-            "the simulated rig must hold something: give --truth NAME (a candidate) or --object SOURCE (a mesh, or "
-            "generated:SEED), not both"
+            "the simulated rig must hold something: give --truth NAME (a candidate) or --object SOURCE (a mesh, a "
+            "folder of photos, or generated:SEED), not both"
         )
     if source is not None:
         return source, ""
@@ -96,10 +101,11 @@ def run_task(
     """Carry out a task. `on_start` gets the session before it runs, so that it can be cancelled. `cache` saves
     rendering what was rendered before.
 
-    Raises BadInput, BadMesh, RigError. A recording is finished whatever happens.
+    Raises BadInput, RigError. A recording is finished whatever happens.
     """
+    simulated = rig_holding(task.source, models, config, task.seed, cache)
+    config = simulated.config
     engine = make_engine(config, models)
-    simulated = simulated_rig(config, task.source, task.seed, cache)
     _check_source(task, models, simulated.object_digest)
     session = Session(simulated.rig, engine, make_descriptor(config.descriptor), pace_of(config), listeners)
     on_start(session)
@@ -116,11 +122,11 @@ def run_task(
     if task.truth:
         error = float(rotation_angle(result.rotation, simulated.true_rotation(result.stamp_ns)))
     correct = result.object == task.truth if result.object else None
-    return Answer(task, result, correct, error)
+    return Answer(task, result, correct, error, simulated.pictures)
 
 
 def _check_source(task: Task, models: Sequence[AspectGraph], digest: str) -> None:
-    """The mesh must still be the one the model was learned from."""
+    """The mesh or the photos must still be those the model was learned from."""
     for model in models:
         if model.name == task.truth and model.provenance.source_digest != digest:
             raise BadInput(

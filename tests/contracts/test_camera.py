@@ -5,15 +5,20 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
+import numpy as np
 import pytest
 from camera_contract import CameraCase, CameraContract
+from view_sets import ring, write_view_set
 
 from viewsep.kinematics import preset
 from viewsep.sim.camera import SimCamera
 from viewsep.sim.clock import SimClock
 from viewsep.sim.disturbances import Disturbances
+from viewsep.sim.plate import PhotoPlate, Photos
 from viewsep.sim.render import CameraOptics, MeshRenderer
+from viewsep.sim.view_set import read_view_set
 from viewsep.sim.world import SimWorld
 
 Make = Callable[[Path, ExitStack], CameraCase]
@@ -30,19 +35,38 @@ def simulated(start_ns: int = 0, disturbances: Disturbances | None = None) -> Ma
     return make
 
 
+def photos(disturbances: Disturbances | None = None) -> Make:
+    def make(mesh: Path, stack: ExitStack) -> CameraCase:
+        folder = Path(stack.enter_context(TemporaryDirectory()))
+        view_set = read_view_set(write_view_set(folder / "tin", 1, ring(*range(0, 360, 30)), masks=False))
+        clock = SimClock()
+        rests = -np.radians(view_set.angles_deg[:, :1])
+        world = PhotoPlate(preset("turntable", 20.0), clock, disturbances or Disturbances(), rests, 0.0)
+        stack.callback(world.close)
+        return CameraCase(SimCamera(world, Photos(view_set, range(12), 48)), clock)
+
+    return make
+
+
 IMPLEMENTATIONS: dict[str, Make] = {
     "simulated": simulated(),
     "simulated, late and lossy": simulated(disturbances=Disturbances(latency_s=0.1, drop_rate=0.2)),
     "simulated, connected after an hour": simulated(3_600_000_000_123, Disturbances(drop_rate=0.2)),
+    "photos": photos(),
+    "photos, late, lossy and noisy": photos(Disturbances(latency_s=0.1, drop_rate=0.2, noise=0.1, mask_error=0.1)),
 }
 
 
-@pytest.fixture(params=IMPLEMENTATIONS.values(), ids=list(IMPLEMENTATIONS))
+def marked(name: str) -> pytest.ParameterSet:
+    marks = [pytest.mark.needs_pybullet] if name.startswith("simulated") else []
+    return pytest.param(IMPLEMENTATIONS[name], marks=marks, id=name)
+
+
+@pytest.fixture(params=[marked(name) for name in IMPLEMENTATIONS])
 def case(request: pytest.FixtureRequest, product_mesh: Path) -> Iterator[CameraCase]:
     with ExitStack() as stack:
         yield request.param(product_mesh, stack)
 
 
-@pytest.mark.needs_pybullet
 class TestCamera(CameraContract):
     pass

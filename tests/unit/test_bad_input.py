@@ -14,10 +14,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from view_sets import ring, write_view_set
 
 from viewsep.cli import main
 from viewsep.config import Config
 from viewsep.geometry import delaunay_edges, equidistant_sphere
+from viewsep.learning import learn_view_set
 from viewsep.messages import JointState
 from viewsep.models import library
 from viewsep.models.aspect_graph import AspectGraph, Provenance
@@ -30,7 +32,10 @@ Before = Callable[[], object]
 
 @dataclass(frozen=True)
 class Case:
-    """What is typed in a folder with the library `lib` (models tea and decaf), `run.mcap` of both and a mesh `box`."""
+    """What is typed in a folder with the library `lib` (models tea and decaf), `run.mcap` of both and a mesh `box`.
+
+    `tin` holds photos, `photolib` the models `tin` and `can` learned from photos.
+    """
 
     typed: str
     words: str
@@ -61,6 +66,9 @@ def workspace(tmp_path_factory: pytest.TempPathFactory) -> Path:
     with task_recorder(folder / "run.mcap", Config(), models, 0, "tea") as recorder:
         recorder.hear(0, JointState(0, (0.0, 0.0), (0.0, 0.0), False))
     write_product(ProductSpec(1), folder / "box")
+    for seed, name in enumerate(("tin", "can")):
+        photos = write_view_set(folder / name, seed, ring(*range(0, 360, 20)))
+        library.save(learn_view_set(photos, name, Config(), every=2), folder / "photolib")
     return folder
 
 
@@ -114,9 +122,25 @@ def joints(first: str) -> Before:
     return config(f'[rig]\n[[rig.joints]]\nname = "pan"\n{first}\n')
 
 
+def views_csv(content: str) -> Before:
+    """Replaces the list of the photos in `tin`."""
+    return text("tin/views.csv", content)
+
+
+def held_tin_changed() -> None:
+    """Has the model of `tin` in `photolib` come from the photos here, and changes one of them."""
+    known = library.load(Path("photolib/tin.viewsep"))
+    moved = replace(known.provenance, source=str(Path("tin").resolve()))
+    library.save(replace(known, provenance=moved), Path("photolib"))
+    Path("tin/unlisted.txt").touch()
+    views_csv(Path("tin/views.csv").read_text() + "\n")()
+
+
 SEPARATE = "separate --models lib --truth tea"
 WITH_CONFIG = f"{SEPARATE} --config c.toml"
 REPLAY = "replay run.mcap --verify"
+PHOTO_SEPARATE = "separate --models photolib --truth tin"
+PHOTOS = "learn -o new --jobs 1"
 LEARN = "learn -o new --views 12 --jobs 1"
 BENCH = "bench separation --pairs pairs.csv --jobs 1"
 
@@ -142,6 +166,45 @@ CASES: dict[str, Case] = {
     ),
     "sticker too large": Case(f"{LEARN} generated:1:twin=sticker:sticker=7", "sticker"),
     "held object unknown": Case("separate --models lib --object generated:x", "'generated:x' is not", simulated=True),
+    # photos
+    "photos with a bad line": Case(
+        f"{PHOTOS} tin",
+        "tin/views.csv, line 2: azimuth_deg = 'x' is not a number",
+        views_csv("image,azimuth_deg,elevation_deg\nv000.png,x,0\n"),
+    ),
+    "photos missing": Case(f"{PHOTOS} tin", "line 19: there is no file 'v017.png' in tin", Path("tin/v017.png").unlink),
+    "photo damaged": Case(f"{PHOTOS} tin", "tin/v000.png: is not a picture", damaged("tin/v000.png", lambda _: b"x")),
+    "photos and a mesh": Case(f"{PHOTOS} tin", "tin: holds both views.csv and tin.obj, so", text("tin/tin.obj", "")),
+    "photos too few": Case(f"{PHOTOS} tin --every 9", "tin: 2 of 18 photos as nodes are too few"),
+    "nodes twice": Case(
+        f"{PHOTOS} tin --nodes n.txt",
+        "n.txt, line 2: 'v001.png' is in line 1 already",
+        text("n.txt", "v001.png\nv001.png"),
+    ),
+    "nodes unknown": Case(f"{PHOTOS} tin --nodes n.txt", "n.txt, line 1: .*lists no image 'x'", text("n.txt", "x")),
+    "nodes missing": Case(f"{PHOTOS} tin --nodes n.txt", "cannot read the list of nodes n.txt"),
+    "every none": Case(f"{PHOTOS} tin --every 0", "--every 0: use 1 for all photos"),
+    "every and nodes": Case(f"{PHOTOS} tin --every 2 --nodes n.txt", "--every and --nodes exclude each other"),
+    "every of a mesh": Case(f"{PHOTOS} generated:1 --every 2", "--every 2 goes with photos, but generated:1 has no"),
+    "nodes of a mesh": Case(f"{PHOTOS} box --nodes n.txt", "--nodes n.txt goes with photos, but box has no views.csv"),
+    "views of photos": Case(f"{PHOTOS} tin --views 50", "--views 50 goes with meshes, but tin holds photos: use --ev"),
+    "photos changed": Case(PHOTO_SEPARATE, "tin has changed since model 'tin' was learned from it", held_tin_changed),
+    "photos of another rig": Case(
+        f"{PHOTO_SEPARATE} --config c.toml",
+        "key 'rig.preset' is set, but the rig over the photos in .*tin follows from their directions: remove",
+        config('[rig]\npreset = "gimbal"'),
+    ),
+    "photos that slip": Case(
+        f"{PHOTO_SEPARATE} --config c.toml", "key 'sim.slip_deg' = 3: photos have", config("[sim]\nslip_deg = 3")
+    ),
+    "views without photos": Case(
+        f"{PHOTO_SEPARATE} --config c.toml",
+        "c.toml: key 'rig.views_deg' goes with rig.backend = 'photos'",
+        config("[rig]\nviews_deg = [[0, 0]]"),
+    ),
+    "a mesh on a photo rig": Case(
+        WITH_CONFIG, "rig.backend = 'photos', but generated:1 is not a folder", config('[rig]\nbackend = "photos"')
+    ),
     "held mesh missing": Case("separate --models lib --object nowhere", "nowhere: does not exist", simulated=True),
     # learning
     "too few views": Case("learn -o new generated:1 --views 3", "--views 3: use 12 to 2000 views"),

@@ -44,6 +44,7 @@ ANSWER_KEYS = {
     "comparisons",
     "seed",
     "simulated",
+    "pictures",
     "recording",
 }
 

@@ -320,7 +320,7 @@ def test_every_disturbance_is_off_by_default_and_leaves_pictures_alone(open_rig:
     rig = open_rig(off)
     rig.motion.move_to([0.3, 0.4])
     frame = rig.look()
-    image, mask = rig.camera._renderer.render(
+    image, mask = rig.camera._pictures.render(
         rig.world.geometry.camera_direction, rig.world.object_rotation(frame.stamp_ns)
     )
     np.testing.assert_array_equal(frame.image, image)

@@ -9,12 +9,13 @@ from typing import Annotated
 
 import typer
 
-from viewsep.cli.console import MAX_SEED, print_json, results
+from viewsep.cli.console import MAX_SEED, people, print_json, results
 from viewsep.cli.live import LiveTable
 from viewsep.config import Config, InterpreterConfig, load_config
 from viewsep.errors import BadInput
 from viewsep.messages import Outcome
 from viewsep.models.library import load_library
+from viewsep.rigs import PictureKind
 from viewsep.session import Session
 from viewsep.task import Answer, Task, held_object, run_task
 
@@ -57,6 +58,8 @@ def separate(
     with LiveTable(name) as table:
         answer = run_task(task, settings, known, [table], lambda session: _cancel_on_interrupt(session, interrupted))
     signal.signal(signal.SIGINT, signal.default_int_handler)
+    if answer.pictures is PictureKind.LEARNED_PHOTOS:
+        people.print(f"note: no photos were left out of the model, so the rig showed {answer.pictures}")
     if json:
         print_json(answer.as_dict())
     else:
@@ -93,10 +96,10 @@ def tell(answer: Answer) -> None:
         results.print(f"It is [bold]{answer.result.object}[/bold]{verdict}: {answer.result.reason}.", soft_wrap=True)
     else:
         results.print(f"[bold]{answer.result.outcome.value}[/bold]: {answer.result.reason}.", soft_wrap=True)
+    rig = "simulated rig" if answer.pictures is PictureKind.RENDERED else f"simulated rig, {answer.pictures}"
     pose = "" if said["pose_error_deg"] is None else f", pose error {said['pose_error_deg']:.1f}°"
     results.print(
-        f"{said['looks']} looks, {said['travel_deg']:.0f}° of travel, {said['comparisons']} comparisons{pose} "
-        "(simulated rig)",
+        f"{said['looks']} looks, {said['travel_deg']:.0f}° of travel, {said['comparisons']} comparisons{pose} ({rig})",
         highlight=False,
     )
     if said["recording"]:

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from viewsep.errors import BadInput
-from viewsep.geometry import angle_between
 from viewsep.messages import Array, FloatArray
 from viewsep.models.aspect_graph import AspectGraph
 
@@ -54,12 +53,6 @@ class Candidates:
             directions=np.concatenate([model.directions for model in models]),
             features=np.concatenate([model.features for model in models]),
             neighbours=np.concatenate(stacked).astype(np.int32),
-            spacing_rad=float(np.mean([_mean_edge(model) for model in models])),
+            spacing_rad=float(np.mean([model.spacing_rad for model in models])),
             owner=np.repeat(np.arange(len(models), dtype=np.int32), [len(table) for table in tables]),
         )
-
-
-def _mean_edge(model: AspectGraph) -> float:
-    """Mean angle between neighbouring views in radians."""
-    a, b = model.edges.T
-    return float(angle_between(model.directions[a], model.directions[b]).mean())

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from viewsep.geometry import angle_between
 from viewsep.messages import Array, FloatArray
 
 
@@ -50,6 +51,12 @@ class AspectGraph:
             h.update(str(array.shape).encode())
             h.update(np.ascontiguousarray(array, dtype=kind).tobytes())
         return h.hexdigest()
+
+    @property
+    def spacing_rad(self) -> float:
+        """Mean angle between neighbouring views in radians."""
+        a, b = self.edges.T
+        return float(angle_between(self.directions[a], self.directions[b]).mean())
 
     def neighbours(self) -> Array:
         """(N, K) int32: column 0 is the node itself, then its neighbours, then -1 as padding."""

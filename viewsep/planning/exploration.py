@@ -15,6 +15,7 @@ from viewsep.geometry import (
     spherical_direction,
     tangent_towards,
 )
+from viewsep.kinematics import VIEW_TOLERANCE_RAD
 from viewsep.messages import FloatArray
 from viewsep.planning.reachable import ReachableViews
 
@@ -51,6 +52,9 @@ class SphericalExploration:
             target = reachable.nearest(spherical_direction(state.azimuth_rad, state.elevation_rad))
             if angle_between(target, view) > 0.25 * step * abs(np.cos(state.elevation_rad)):
                 break
+        if angle_between(target, view) < VIEW_TOLERANCE_RAD:  # few views, and none that way
+            way = move_along(view, perpendicular(view), step)
+            target = reachable.onward(view, tangent_towards(view, way))
         return state, target
 
 
@@ -76,6 +80,8 @@ class GeodesicExploration:
         """One step ahead, or as little to the side as the limits ask for."""
         ahead = tangent_towards(view, move_along(view, self.tangent, self.step_rad))
         precession = 2.0 * PRECESSION_RAD * float(self.pivot @ view)  # how a path bends on a sphere that turns
+        if reachable.single:
+            return self._next_single(view, axis_rotation(view, precession) @ ahead, reachable)
         best, best_turn = view, np.inf
         for turn in np.radians([0, 15, -15, 30, -30, 50, -50, 75, -75, 105, -105, 140, -140, 180]):
             heading = axis_rotation(view, turn + precession) @ ahead
@@ -86,6 +92,19 @@ class GeodesicExploration:
                 best, best_turn = target, abs(turn)
                 break
         return replace(self, tangent=_carried(view, best, ahead)), best
+
+    def _next_single(
+        self, view: FloatArray, ahead: FloatArray, reachable: ReachableViews
+    ) -> tuple[GeodesicExploration, FloatArray]:
+        """From view to neighbouring view, about one step or as far as the next one is; turning around at an edge."""
+        here, heading = view, ahead
+        for _ in range(max(1, round(self.step_rad / reachable.spacing_rad))):
+            there = reachable.onward(here, heading)
+            turns_around = tangent_towards(here, there) @ heading < 0.0
+            if here is not view and (turns_around or angle_between(view, here) > 0.75 * self.step_rad):
+                break
+            here, heading = there, _carried(here, there, heading)
+        return replace(self, tangent=heading), here
 
 
 def _carried(start: FloatArray, end: FloatArray, heading: FloatArray) -> FloatArray:

@@ -17,7 +17,7 @@ from viewsep.planning.exploration import GeodesicExploration, SphericalExplorati
 from viewsep.planning.reachable import ReachableViews
 from viewsep.planning.separating_view import SIMILARITY_DIRECTIONS, similarity_graph
 
-NODE_REACH_DEG = 12.0  # about half a node spacing: a reachable view this close shows what the node stands for
+NODE_REACH_RAD = np.radians(12.0)  # about half a node spacing: a view this close shows what the node stands for
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,6 +54,8 @@ class SeparatingViewPlanner:
         self.models = list(models)
         self.reachable = reachable
         self.options = options or SeparatingOptions()
+        # views that lie far apart show what lies up to half way to the next one
+        self._reach_rad = max(NODE_REACH_RAD, 0.5 * reachable.spacing_rad)
         self._shown = reachable.nearest(SIMILARITY_DIRECTIONS)
 
     def start(self, seed: int, view_direction: FloatArray) -> tuple[PlannerState, NextView]:
@@ -96,6 +98,6 @@ class SeparatingViewPlanner:
                 break
             shown = self._shown[node]
             tried = (angle_between(state.visited, shown) < np.radians(self.options.apart_deg)).any()
-            if not tried and angle_between(shown, graph.directions[node]) <= np.radians(NODE_REACH_DEG):
+            if not tried and angle_between(shown, graph.directions[node]) <= self._reach_rad:
                 return replace(state, way=self.reachable.path(view, shown, self._step_rad))
         return replace(state, visited=np.empty((0, 3)))  # everything was tried: explore on, then begin again

@@ -214,7 +214,8 @@ def _candidate_spheres(figure: Figure, cells: GridSpec, story: _Story) -> None:
         sphere.draw_globe(axes, view)
         sphere.draw_graph(axes, view, story.models[k].directions @ rotation.T, story.models[k].edges)
         if alone and paths:
-            sphere.draw_distances(axes, view, story.controlled, paths[0], colour=colour)
+            since_begun = story.controlled[-len(paths[0]) :]  # paths that were lost began anew
+            sphere.draw_distances(axes, view, since_begun, paths[0], colour=colour)
         sphere.draw_hypotheses(axes, view, paths[:1] if alone else paths, colour=colour)
         story.landmarks.draw(axes, view, see_through=True)
         text = f"{short_name(final[k].name)}\nrating {final[k].rating:.3g}, w1 {np.degrees(final[k].w1):.1f}°"
