@@ -8,10 +8,11 @@ from functools import lru_cache
 from pathlib import Path
 
 from viewsep.sim.mesh import Mesh, check_mesh, find_mesh
+from viewsep.sim.plate import Photos
 from viewsep.sim.products import ProductSpec, parse_product, write_product
-from viewsep.sim.render import CameraOptics, MeshRenderer, Renderer
+from viewsep.sim.render import CameraOptics, MeshRenderer, Pictures, Renderer
 from viewsep.sim.render_cache import CachedRenderer, RenderCache
-from viewsep.sim.view_set import is_view_set
+from viewsep.sim.view_set import is_view_set, read_view_set
 
 GENERATED = "generated:"
 
@@ -38,6 +39,19 @@ def open_renderer(source: str, optics: CameraOptics, cache: RenderCache | None =
         return MeshRenderer(_mesh_of(source), optics)
     with tempfile.TemporaryDirectory(prefix="viewsep-") as folder:  # the renderer has read it all when it returns
         return MeshRenderer(check_mesh(write_product(parse_product(source), Path(folder))), optics)
+
+
+def open_pictures(source: str, optics: CameraOptics, cache: RenderCache | None = None) -> Pictures:
+    """A mesh from everywhere, or an object's photos from where they were taken. Raises BadInput, BadMesh."""
+    if is_view_set(Path(source)):
+        view_set = read_view_set(Path(source))
+        return Photos(view_set, range(len(view_set.images)), optics.size_px)
+    return open_renderer(source, optics, cache)
+
+
+def is_object(folder: Path) -> bool:
+    """Whether a folder holds what can be learned: one mesh, or photos with their list. Raises BadInput for both."""
+    return is_view_set(folder) or len(list(folder.glob("*.[oO][bB][jJ]"))) == 1
 
 
 def _mesh_of(source: str) -> Mesh:

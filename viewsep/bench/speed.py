@@ -7,13 +7,12 @@ from time import perf_counter
 import numpy as np
 
 from viewsep.assembly import make_engine
+from viewsep.bench.stopwatch import TimedEngine
 from viewsep.config import Config
-from viewsep.engine.engine import Engine
-from viewsep.engine.state import EngineState
 from viewsep.geometry import random_rotation
 from viewsep.interfaces import Descriptor
 from viewsep.learning import CAMERA_DIRECTION, learn_object
-from viewsep.messages import Array, Command, Event, PerceptReceived
+from viewsep.messages import Array
 from viewsep.plugins import make_descriptor
 from viewsep.rigs import pace_of, simulated_rig
 from viewsep.session import Session
@@ -33,30 +32,16 @@ def measure_speed(seed: int) -> dict[str, dict[str, float]]:
     }
 
 
-class _TimedEngine(Engine):
-    """An engine with a stopwatch on the steps that interpret a percept."""
-
-    times: list[float]
-
-    def step(self, state: EngineState, event: Event) -> tuple[EngineState, tuple[Command, ...]]:
-        begin = perf_counter()
-        after = super().step(state, event)
-        if isinstance(event, PerceptReceived) and after[0].looks > state.looks:
-            self.times.append(perf_counter() - begin)
-        return after
-
-
 def _engine_steps(seed: int, config: Config) -> list[float]:
     times: list[float] = []
     for task in range(TASKS):
         source = f"generated:{seed + task}"
         models = [learn_object(s, name, 100, config) for s, name in ((source, "a"), (f"{source}:twin=face", "b"))]
-        plain = make_engine(config, models)
-        engine = _TimedEngine(plain.interpreter, plain.planner, plain.limits)
-        engine.times = times
+        engine = TimedEngine(make_engine(config, models))
         rig = simulated_rig(config, source, seed + task).rig
         with Session(rig, engine, make_descriptor(config.descriptor), pace_of(config)) as session:
             session.run(seed + task)
+        times += engine.wall_s
     return times
 
 

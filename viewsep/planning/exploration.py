@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
@@ -111,3 +112,10 @@ def _carried(start: FloatArray, end: FloatArray, heading: FloatArray) -> FloatAr
     """The heading (3,) at `end` after going straight there from `start`; unchanged when nothing moved."""
     tangent = tangent_towards(end, start)
     return -tangent if tangent.any() else heading
+
+
+Exploration = Literal["geodesic", "spherical"]
+EXPLORATIONS: dict[Exploration, type[GeodesicExploration | SphericalExploration]] = {
+    "geodesic": GeodesicExploration,
+    "spherical": SphericalExploration,
+}

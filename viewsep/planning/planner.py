@@ -13,7 +13,7 @@ from viewsep.geometry import angle_between
 from viewsep.interfaces import Interpretation, NextView
 from viewsep.messages import FloatArray, Phase
 from viewsep.models.aspect_graph import AspectGraph
-from viewsep.planning.exploration import GeodesicExploration, SphericalExploration
+from viewsep.planning.exploration import EXPLORATIONS, Exploration, GeodesicExploration, SphericalExploration
 from viewsep.planning.reachable import ReachableViews
 from viewsep.planning.separating_view import SIMILARITY_DIRECTIONS, similarity_graph
 
@@ -28,7 +28,7 @@ class SeparatingOptions:
     `step_deg` the length of one movement; `apart_deg` how far a further separating view must lie from earlier ones.
     """
 
-    exploration: Literal["geodesic", "spherical"] = "geodesic"
+    exploration: Exploration = "geodesic"
     start: Literal["random", "current"] = "random"
     step_deg: Annotated[float, Field(ge=1, le=90)] = 10.0
     apart_deg: Annotated[float, Field(ge=0, le=180)] = 30.0
@@ -64,7 +64,7 @@ class SeparatingViewPlanner:
         start = view_direction
         if self.options.start == "random":
             start = self.reachable.directions[rng.integers(len(self.reachable.directions))]
-        kind = GeodesicExploration if self.options.exploration == "geodesic" else SphericalExploration
+        kind = EXPLORATIONS[self.options.exploration]
         state = PlannerState(kind.start(rng, start, self._step_rad), np.empty((0, 3)), np.empty((0, 3)))
         return state, NextView(start if self.options.start == "random" else None, Phase.STARTING)
 

@@ -1,0 +1,134 @@
+"""An experiment from its tasks to its report: learn the objects, let the workers do the tasks, keep what is done."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from viewsep import __version__
+from viewsep.bench.baselines import baseline_row
+from viewsep.bench.journal import Journal, Row
+from viewsep.bench.methods import Method
+from viewsep.bench.pose import PoseRun, pose_rows
+from viewsep.bench.report import Report
+from viewsep.bench.runner import Call, Workers, run_calls
+from viewsep.bench.separation import separation_row
+from viewsep.bench.setup import Setup
+from viewsep.bench.tasks import SeparationTask
+from viewsep.config import Config
+from viewsep.planning.exploration import Exploration
+
+Progress = Callable[[str, int], Callable[[Row], None]]
+"""Called with what begins and how many rows it will have; what it returns hears of every row."""
+
+
+@dataclass(frozen=True)
+class Running:
+    """How an experiment is carried out, which changes nothing of its result.
+
+    With a `result` file, finished rows are kept in a journal beside it until the report is written; `resume` goes on
+    with those of a run that was stopped.
+    """
+
+    workers: Workers
+    progress: Progress
+    result: Path | None = None
+    resume: bool = False
+
+
+def run_separation(
+    tasks: Sequence[SeparationTask],
+    methods: Sequence[Method],
+    baselines: Sequence[str],
+    setup: Setup,
+    running: Running,
+    about: dict[str, Any],
+) -> Report:
+    """Every task under every method, then under the baselines with as many looks as the first method took.
+
+    Raises BadInput for objects that cannot be used, and Interrupted.
+    """
+    sources = sorted({source for task in tasks for source in (task.source, *task.candidates)})
+    experiment = {
+        "tasks": [asdict(task) for task in tasks],
+        "methods": _named(methods),
+        "baselines": list(baselines),
+        "setup": [setup.views, setup.every],
+        "models": _learn(sources, methods[0].config, setup, running),
+    }
+    journal = _journal(experiment, running)
+    calls = [
+        Call(f"{method.name} {task.index}", separation_row, (task, method, setup))
+        for task in tasks
+        for method in methods
+    ]
+    rows = run_calls(calls, running.workers, journal, running.progress("separating", len(calls)))
+    by_method = [row for k in range(len(methods)) for row in rows[k :: len(methods)]]
+    if baselines:
+        looks = [max(1, row.get("looks", 1)) for row in by_method[: len(tasks)]]
+        calls = [
+            Call(f"{name} {task.index}", baseline_row, (task, name, count, methods[0].config, setup))
+            for name in baselines
+            for task, count in zip(tasks, looks, strict=True)
+        ]
+        by_method += run_calls(calls, running.workers, journal, running.progress("baselines", len(calls)))
+    return _reported(Report("separation", about, by_method), journal, running)
+
+
+def run_pose(
+    runs: Sequence[PoseRun],
+    methods: Sequence[Method],
+    exploration: Exploration,
+    setup: Setup,
+    running: Running,
+    about: dict[str, Any],
+) -> Report:
+    """Every run under every method. Raises BadInput for objects that cannot be used, and Interrupted."""
+    experiment = {
+        "runs": [asdict(run) for run in runs],
+        "methods": _named(methods),
+        "exploration": exploration,
+        "setup": [setup.views],
+        "models": _learn(sorted({run.source for run in runs}), methods[0].config, setup, running),
+    }
+    journal = _journal(experiment, running)
+    calls = [Call(str(run.index), pose_rows, (run, methods, exploration, setup)) for run in runs]
+    done = run_calls(calls, running.workers, journal, running.progress("pose runs", len(calls)))
+    rows = [row["rows"][k] for k in range(len(methods)) for row in done]
+    return _reported(Report("pose", about, rows), journal, running)
+
+
+def _learn(sources: Sequence[str], config: Config, setup: Setup, running: Running) -> dict[str, str]:
+    """Name -> digest of every object's model. Afterwards the workers find the pictures of the views in the cache."""
+    calls = [Call(source, _learned_row, (source, config, setup)) for source in sources]
+    rows = run_calls(calls, running.workers, None, running.progress("learning", len(calls)))
+    return {row["name"]: row["digest"] for row in rows}
+
+
+def _learned_row(source: str, config: Config, setup: Setup) -> Row:
+    model = setup.model(source, config)
+    return {"name": model.name, "digest": model.digest}
+
+
+def _named(methods: Sequence[Method]) -> dict[str, str]:
+    return {method.name: method.config.model_dump_json() for method in methods}
+
+
+def _journal(experiment: dict[str, Any], running: Running) -> Journal | None:
+    if running.result is None:
+        return None
+    decisive = json.dumps([__version__, experiment], sort_keys=True).encode()
+    return Journal(running.result, hashlib.sha256(decisive).hexdigest(), running.resume)
+
+
+def _reported(report: Report, journal: Journal | None, running: Running) -> Report:
+    """Write the report where it is wanted; only then the journal may go."""
+    if running.result is not None:
+        report.write(running.result)
+    if journal is not None:
+        journal.remove()
+    return report

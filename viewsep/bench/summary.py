@@ -1,0 +1,93 @@
+"""What a list of task rows says: shares with intervals, medians, and whether two methods differ."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from scipy.stats import binomtest
+
+from viewsep.bench.journal import Row
+
+OUTCOMES = ("right", "wrong", "undecided", "unknown", "indistinguishable", "failed")
+NODE_SPACING_DEG = 22.6  # mean angle between neighbouring views of the seed's models: its benchmark of a pose (V.A)
+TIMES = ("step_ms_median", "step_ms_p95", "step_cpu_ms_median")
+"""The figures of a summary that differ from run to run; all others are the same whatever ran the tasks."""
+
+
+def verdict(outcome: str, named: str, truth: str, known: bool) -> str:
+    """One of `OUTCOMES`: the engine's outcome beside the truth.
+
+    Naming another object is wrong; so is any name when the truth is no candidate, where `unknown` is right.
+    """
+    if outcome == "identified":
+        return "right" if known and named == truth else "wrong"
+    if outcome == "unknown" and not known:
+        return "right"
+    return outcome
+
+
+def summarise(rows: Sequence[Row]) -> dict[str, Any]:
+    """The figures of one method over all its rows; every row counts, failures too.
+
+    Angles are in degrees. `pose_error_*` are over the rows whose pose can be scored, `comparisons_*` counts of feature
+    comparisons in one iteration and per candidate, `step_*` milliseconds of one engine step. A figure that no row has
+    is None.
+    """
+    n = len(rows)
+    counts = {verdict: sum(row["verdict"] == verdict for row in rows) for verdict in OUTCOMES}
+    errors = _values(rows, "pose_error_deg")
+    return {
+        "n": n,
+        **counts,
+        "right_wilson95": wilson95(counts["right"], n),
+        "wrong_wilson95": wilson95(counts["wrong"], n),
+        "undecided_wilson95": wilson95(counts["undecided"], n),
+        "failed_wilson95": wilson95(counts["failed"], n),
+        "travel_deg_median": _of(np.median, _values(rows, "travel_deg")),
+        "travel_deg_p95": _percentile95(_values(rows, "travel_deg")),
+        "travel_over_optimum_median": _of(np.median, _values(rows, "travel_over_optimum")),
+        "looks_median": _of(np.median, _values(rows, "looks")),
+        "pose_error_deg_mean": _of(np.mean, errors),
+        "pose_error_deg_median": _of(np.median, errors),
+        "pose_error_deg_p95": _percentile95(errors),
+        "pose_error_under_22.6_share": _of(np.mean, [float(error < NODE_SPACING_DEG) for error in errors]),
+        "comparisons_median": _of(np.median, _values(rows, "comparisons_per_look")),
+        "comparisons_converged_median": _of(np.median, _values(rows, "comparisons_converged")),
+        "step_ms_median": _of(np.median, _values(rows, "step_ms")),
+        "step_ms_p95": _percentile95(_values(rows, "step_ms")),
+        "step_cpu_ms_median": _of(np.median, _values(rows, "step_cpu_ms")),
+    }
+
+
+def wilson95(count: int, n: int) -> list[float]:
+    """Wilson's 95 % interval of a share."""
+    interval = binomtest(count, n).proportion_ci(method="wilson")
+    return [float(interval.low), float(interval.high)]
+
+
+def mcnemar(a: Sequence[Row], b: Sequence[Row]) -> dict[str, Any]:
+    """McNemar's exact test on the tasks two methods share: does one get right what the other does not more often?
+
+    `p_value` is two-sided; with no task on which they differ it is 1.
+    """
+    right = {row["index"]: row["verdict"] == "right" for row in a}
+    pairs = [(right[row["index"]], row["verdict"] == "right") for row in b if row["index"] in right]
+    only_a = sum(of_a and not of_b for of_a, of_b in pairs)
+    only_b = sum(of_b and not of_a for of_a, of_b in pairs)
+    differ = only_a + only_b
+    p_value = float(binomtest(only_a, differ).pvalue) if differ else 1.0
+    return {"n": len(pairs), "only_first_right": only_a, "only_second_right": only_b, "p_value": p_value}
+
+
+def _values(rows: Sequence[Row], key: str) -> list[float]:
+    return [float(row[key]) for row in rows if row.get(key) is not None]
+
+
+def _of(statistic: Callable[[list[float]], Any], values: list[float]) -> float | None:
+    return float(statistic(values)) if values else None
+
+
+def _percentile95(values: list[float]) -> float | None:
+    return float(np.percentile(values, 95)) if values else None

@@ -1,0 +1,105 @@
+"""Options that experiments share, and what they mean."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from pydantic import ValidationError
+from rich.progress import Progress
+
+from viewsep.bench.experiment import Running
+from viewsep.bench.journal import Row
+from viewsep.bench.runner import Workers
+from viewsep.cli.console import MAX_SEED
+from viewsep.config import Config, SimConfig, explain, load_config, parse_config
+from viewsep.errors import BadInput
+from viewsep.sim.render_cache import RenderCache
+
+Seed = Annotated[int, typer.Option(min=0, max=MAX_SEED, help="Seed of the first task; the next ones count up from it.")]
+ConfigFile = Annotated[Path | None, typer.Option(help="TOML configuration; see docs/config.")]
+Disturb = Annotated[
+    str | None,
+    typer.Option(
+        help="Disturbances of the simulated rig by their keys in the configuration: light=0.3,noise=0.05.",
+        show_default="none",
+    ),
+]
+Preset = Annotated[
+    str | None, typer.Option("--rig", help="Rig preset: turntable, pan_tilt, wrist or gimbal.", show_default="gimbal")
+]
+Jobs = Annotated[int, typer.Option(help="Local processes; -1 is one per core.")]
+Scheduler = Annotated[
+    str, typer.Option(help="Run on the Dask cluster of this scheduler instead: tcp://HOST:PORT (extra `cluster`).")
+]
+JsonFile = Annotated[Path | None, typer.Option("--json", help="Write tasks and summary to this file.")]
+PlotFolder = Annotated[Path | None, typer.Option("--plot", help="Draw the pictures into this folder.")]
+Resume = Annotated[
+    bool, typer.Option("--resume", help="Go on with the run into the same --json file that was stopped.")
+]
+CacheFolder = Annotated[
+    Path | None, typer.Option("--cache", help="Folder of rendered pictures.", show_default="the user's cache folder")
+]
+CacheSize = Annotated[int, typer.Option(min=0, help="Largest size of that folder in MB; 0 keeps no pictures.")]
+CACHE_MB = 2000
+
+
+def configured(config: Path | None, rig: str | None, disturb: str | None) -> Config:
+    """The configuration file (or the defaults) with the rig and the disturbances of the command line.
+
+    Raises BadConfig, BadInput.
+    """
+    settings = load_config(config) if config else Config()
+    if rig is not None:
+        given = settings.model_dump() | {"rig": {"preset": rig}}
+        settings = parse_config(given, "--rig")
+    if disturb is not None:
+        settings = settings.model_copy(update={"sim": disturbances(disturb, settings.sim)})
+    return settings
+
+
+def disturbances(text: str, base: SimConfig) -> SimConfig:
+    """`light=0.3,noise=0.05` on top of the configured ones. Raises BadInput naming key and value."""
+    given: dict[str, float] = {}
+    for part in text.split(","):
+        key, _, value = (piece.strip() for piece in part.partition("="))
+        try:
+            given[key] = float(value)
+        except ValueError:
+            raise BadInput(f"--disturb {part!r}: write KEY=NUMBER, e.g. light=0.3,noise=0.05") from None
+    try:
+        return SimConfig.model_validate(base.model_dump() | given)
+    except ValidationError as error:
+        known = ", ".join(SimConfig.model_fields)
+        raise BadInput(f"--disturb {text!r}: {explain(error)} (there are {known})") from None
+
+
+def listed(text: str | None, option: str) -> list[str]:
+    """Names from a comma-separated option, none for None. Raises BadInput for empty or repeated names."""
+    if text is None:
+        return []
+    names = [name.strip() for name in text.split(",")]
+    if not all(names) or len(set(names)) < len(names):
+        raise BadInput(f"{option} {text!r}: separate different names by single commas")
+    return names
+
+
+def cache_of(folder: Path | None, megabytes: int) -> RenderCache | None:
+    """Where rendered pictures are kept."""
+    return RenderCache(folder, megabytes * 10**6) if megabytes > 0 else None
+
+
+def running(jobs: int, scheduler: str, json: Path | None, resume: bool, bars: Progress) -> Running:
+    """How the experiment is carried out, with a bar for each of its parts. Raises BadInput."""
+    if resume and json is None:
+        raise BadInput("--resume goes on with what is kept beside a result: give the same --json FILE as before")
+    if json is not None and not json.parent.is_dir():
+        raise BadInput(f"--json {json}: there is no folder {json.parent}; make it first")
+
+    def begin(what: str, rows: int) -> Callable[[Row], None]:
+        bar = bars.add_task(what, total=rows)
+        return lambda _row: bars.advance(bar)
+
+    return Running(Workers(jobs, scheduler), begin, json, resume)

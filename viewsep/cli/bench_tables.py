@@ -1,0 +1,85 @@
+"""Experiments as tables on the terminal."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from rich.table import Column, Table
+
+from viewsep.bench.report import Report
+from viewsep.bench.summary import OUTCOMES
+from viewsep.cli.console import results
+
+SHOWN_FAILURES = 30
+
+
+def tell_separation(report: Report) -> None:
+    """One row a method, the tests against the first one, and the first one's tasks that did not go right."""
+    counts = [outcome for outcome in OUTCOMES if any(s[outcome] for s in report.summaries().values())]
+    table = Table(
+        Column("method", no_wrap=True),
+        *(name for name in ("right", "95 %", "wrong", "95 %")),
+        *(outcome for outcome in counts if outcome not in ("right", "wrong")),
+        *("looks", "travel deg", "p95", "x optimum", "pose deg", "comparisons", "step ms"),
+    )
+    for method, s in report.summaries().items():
+        table.add_row(
+            method,
+            f"{s['right']}/{s['n']}",
+            _interval(s["right_wilson95"]),
+            str(s["wrong"]),
+            _interval(s["wrong_wilson95"]),
+            *(str(s[outcome]) for outcome in counts if outcome not in ("right", "wrong")),
+            _number(s["looks_median"], 0),
+            _number(s["travel_deg_median"], 0),
+            _number(s["travel_deg_p95"], 0),
+            _number(s["travel_over_optimum_median"]),
+            _number(s["pose_error_deg_mean"]),
+            _number(s["comparisons_converged_median"]),
+            _number(s["step_ms_median"], 2),
+        )
+    results.print(table)
+    results.print("looks, travel, x optimum, step: medians; comparisons: per candidate, once converged", style="dim")
+    for test in report.comparisons():
+        results.print(
+            f"{test['first']} right where {test['second']} is not: {test['only_first_right']}, the reverse: "
+            f"{test['only_second_right']} of {test['n']} (McNemar p = {test['p_value']:.2g})",
+            highlight=False,
+        )
+    failures = [row for row in report.of(report.methods[0]) if row["verdict"] != "right"]
+    for row in failures[:SHOWN_FAILURES]:
+        said = row["object"] or row["outcome"]
+        results.print(f"seed {row['seed']}: {row['truth']} -> {said}", highlight=False, soft_wrap=True)
+    if len(failures) > SHOWN_FAILURES:
+        results.print(f"and {len(failures) - SHOWN_FAILURES} more")
+
+
+def tell_pose(report: Report) -> None:
+    """One row a method: failures, iterations, errors over all runs, comparisons."""
+    table = Table(
+        Column("method", no_wrap=True),
+        *("converged", "failed", "iterations", "mean deg", "median", "p95", "under 22.6 deg", "comparisons", "step ms"),
+    )
+    for method, s in report.summaries().items():
+        table.add_row(
+            method,
+            f"{s['n'] - s['failed']}/{s['n']}",
+            str(s["failed"]),
+            _number(s["looks_median"], 0),
+            _number(s["pose_error_deg_mean"]),
+            _number(s["pose_error_deg_median"]),
+            _number(s["pose_error_deg_p95"]),
+            f"{s['pose_error_under_22.6_share']:.0%}",
+            _number(s["comparisons_converged_median"]),
+            _number(s["step_ms_median"], 2),
+        )
+    results.print(table)
+    results.print("errors over all runs, failed ones at their last estimate; comparisons: once converged", style="dim")
+
+
+def _interval(interval: list[float]) -> str:
+    return f"{interval[0]:.1%}-{interval[1]:.1%}".replace("%-", "-")
+
+
+def _number(value: Any, digits: int = 1) -> str:
+    return "-" if value is None else f"{value:.{digits}f}"
