@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 from hypothesis import settings
+from shell import Shell
 
 from viewsep.sim.products import ProductSpec, write_product
 
@@ -41,3 +42,8 @@ def shared() -> Path:
 def product_mesh(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The OBJ file of a generated box with six printed faces."""
     return write_product(ProductSpec(1), tmp_path_factory.mktemp("product"))
+
+
+@pytest.fixture
+def shell(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Shell:
+    return Shell(monkeypatch, capsys)

@@ -3,34 +3,16 @@
 from __future__ import annotations
 
 import json
-import sys
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from shell import Shell
 from view_sets import ring, write_view_set
 
-from viewsep.cli import main
 from viewsep.models.library import load
 from viewsep.recordings.reader import read_recording
-
-Ended = tuple[object, str, str]
-Shell = Callable[..., Ended]
-
-
-@pytest.fixture
-def shell(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Shell:
-    """Runs a command in this process: exit code, stdout, stderr."""
-
-    def run(*typed: str | Path) -> Ended:
-        monkeypatch.setattr(sys, "argv", ["viewsep", *map(str, typed)])
-        with pytest.raises(SystemExit) as end:
-            main()
-        return (end.value.code, *capsys.readouterr())
-
-    return run
 
 
 @pytest.fixture(scope="module")

@@ -23,6 +23,7 @@ from viewsep.messages import Array, Estimate, FloatArray, Phase
 from viewsep.models.aspect_graph import AspectGraph, Provenance
 from viewsep.planning.exploration import GeodesicExploration, SphericalExploration
 from viewsep.planning.planner import PlannerState, SeparatingOptions, SeparatingViewPlanner
+from viewsep.planning.random_motion import RandomPlanner
 from viewsep.planning.reachable import ReachableViews
 from viewsep.planning.separating_view import similarity_graph
 
@@ -359,3 +360,24 @@ def test_the_similarity_graph_peaks_where_models_differ_and_is_zero_where_they_d
     assert graph.smoothed[away > np.radians(70.0)].max() == 0.0
     assert np.degrees(away[graph.smoothed.argmax()]) < 20.0
     np.testing.assert_allclose(graph.variance[away < np.radians(20.0)], 8 * 0.25, rtol=1e-5)
+
+
+@EVERY_PRESET
+def test_random_motion_goes_all_over_and_is_judged_everywhere_once_the_poses_have_converged(name: str) -> None:
+    planner = RandomPlanner([model("a")], views_of(name))
+    here = drawn(name, 1)[0]
+    state, first = planner.start(4, here)
+    assert first.view_direction is not None
+    start = planner_on(name, [model("a")], "random").start(4, here)[1].view_direction
+    np.testing.assert_array_equal(first.view_direction, start)
+    views = [first.view_direction]
+    for look in range(200):
+        known = None if look < 50 else belief(upright(1), converged=look >= 100)
+        state, wanted = planner.next_view(state, views[-1], known)
+        assert wanted.view_direction is not None
+        assert planner.reachable.reaches(wanted.view_direction)
+        assert wanted.arrives == (look >= 100)
+        views.append(wanted.view_direction)
+    assert gaps(views[0], np.array(views[1:])).max() <= 2.5 * STEP_RAD
+    unseen = angle_between(planner.reachable.directions[:, None], np.array(views)).min(axis=1)
+    assert np.median(unseen) < 2.0 * STEP_RAD

@@ -15,21 +15,23 @@ SHOWN_FAILURES = 30
 
 def tell_separation(report: Report) -> None:
     """One row a method, the tests against the first one, and the first one's tasks that did not go right."""
-    counts = [outcome for outcome in OUTCOMES if any(s[outcome] for s in report.summaries().values())]
-    table = Table(
-        Column("method", no_wrap=True),
-        *(name for name in ("right", "95 %", "wrong", "95 %")),
-        *(outcome for outcome in counts if outcome not in ("right", "wrong")),
-        *("looks", "travel deg", "p95", "x optimum", "pose deg", "comparisons", "step ms"),
+    summaries = report.summaries()
+    rare = [o for o in OUTCOMES if o not in ("right", "wrong") and any(s[o] for s in summaries.values())]
+    answers = Table(Column("method", no_wrap=True), "right", "95 %", "wrong", "95 %", *rare)
+    costs = Table(
+        Column("method", no_wrap=True), "looks", "travel", "p95", "x optimum", "pose", "comparisons", "step ms"
     )
-    for method, s in report.summaries().items():
-        table.add_row(
+    for method, s in summaries.items():
+        answers.add_row(
             method,
             f"{s['right']}/{s['n']}",
             _interval(s["right_wilson95"]),
             str(s["wrong"]),
             _interval(s["wrong_wilson95"]),
-            *(str(s[outcome]) for outcome in counts if outcome not in ("right", "wrong")),
+            *(str(s[outcome]) for outcome in rare),
+        )
+        costs.add_row(
+            method,
             _number(s["looks_median"], 0),
             _number(s["travel_deg_median"], 0),
             _number(s["travel_deg_p95"], 0),
@@ -38,8 +40,13 @@ def tell_separation(report: Report) -> None:
             _number(s["comparisons_converged_median"]),
             _number(s["step_ms_median"], 2),
         )
-    results.print(table)
-    results.print("looks, travel, x optimum, step: medians; comparisons: per candidate, once converged", style="dim")
+    results.print(answers)
+    results.print(costs)
+    results.print(
+        "medians; travel in degrees, and over the shortest way there was; pose: mean error in degrees; comparisons: in "
+        "one look and per candidate, once converged",
+        style="dim",
+    )
     for test in report.comparisons():
         results.print(
             f"{test['first']} right where {test['second']} is not: {test['only_first_right']}, the reverse: "
@@ -57,14 +64,12 @@ def tell_separation(report: Report) -> None:
 def tell_pose(report: Report) -> None:
     """One row a method: failures, iterations, errors over all runs, comparisons."""
     table = Table(
-        Column("method", no_wrap=True),
-        *("converged", "failed", "iterations", "mean deg", "median", "p95", "under 22.6 deg", "comparisons", "step ms"),
+        Column("method", no_wrap=True), "failed", "looks", "mean", "median", "p95", "< 22.6", "comparisons", "step ms"
     )
     for method, s in report.summaries().items():
         table.add_row(
             method,
-            f"{s['n'] - s['failed']}/{s['n']}",
-            str(s["failed"]),
+            f"{s['failed']}/{s['n']}",
             _number(s["looks_median"], 0),
             _number(s["pose_error_deg_mean"]),
             _number(s["pose_error_deg_median"]),
@@ -74,7 +79,10 @@ def tell_pose(report: Report) -> None:
             _number(s["step_ms_median"], 2),
         )
     results.print(table)
-    results.print("errors over all runs, failed ones at their last estimate; comparisons: once converged", style="dim")
+    results.print(
+        "errors in degrees over all runs, failed ones at their last estimate; comparisons: in one look, once converged",
+        style="dim",
+    )
 
 
 def _interval(interval: list[float]) -> str:

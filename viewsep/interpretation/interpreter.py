@@ -52,7 +52,9 @@ class PathOptions:
     `plausible_within` says how much worse than the
     best a rating may be for the candidate to count as a rival; when no hypothesis at all follows the controlled path
     within `lost_above_deg` (w1), all are lost and new paths begin; so they do after `longest_path` hits, when the
-    rating has not decided at several separating views and a fresh start is the better chance.
+    rating has not decided at several separating views and a fresh start is the better chance. Poses that have not
+    converged after `settle_within` hits are planned with as they are: an object that looks the same all around never
+    converges.
     """
 
     variant: Variant = "accumulated"
@@ -63,6 +65,7 @@ class PathOptions:
     plausible_within: Annotated[float, Field(ge=1, allow_inf_nan=False)] = 5.0
     lost_above_deg: Annotated[float, Field(gt=0, le=180)] = 18.0
     longest_path: Annotated[int, Field(ge=10, le=10_000)] = 100
+    settle_within: Annotated[int, Field(ge=1, le=10_000)] = 40
 
     @property
     def variance_limit_deg2(self) -> float:
@@ -226,7 +229,7 @@ class PathInterpreter:
         return Interpretation(
             estimate=estimate,
             rotations=state.recent_means[-1],
-            converged=bool(state.converged[rivals].all()),
+            converged=bool(state.converged[rivals].all()) or len(state.controlled) >= self.options.settle_within,
             plausible=plausible,
             leader=_leader(ratings, self.options.plausible_within),
             fresh=len(state.recent_means) < WINDOW,
