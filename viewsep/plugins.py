@@ -10,7 +10,7 @@ from typing import Any, cast
 
 from pydantic import TypeAdapter, ValidationError
 
-from viewsep.config import PluginConfig, explain
+from viewsep.config import Config, PluginConfig, explain
 from viewsep.errors import BadConfig
 from viewsep.interfaces import Descriptor, Interpreter, Planner
 from viewsep.models.aspect_graph import AspectGraph
@@ -43,6 +43,12 @@ def make_planner(config: PluginConfig, models: Sequence[AspectGraph], reachable:
     """The planner over the candidates' models and the rig's views. Raises BadConfig."""
     plugin = _find("planner", config.name)
     return cast(Planner, plugin(models, reachable, _options(plugin.options_type, "planner", config)))
+
+
+def check_plugins(config: Config) -> None:
+    """That the interpreter and the planner exist and have the options given to them. Raises BadConfig."""
+    for kind, chosen in (("interpreter", config.interpreter), ("planner", config.planner)):
+        _options(_find(kind, chosen.name).options_type, kind, chosen)
 
 
 def _find(kind: str, name: str) -> Any:

@@ -383,6 +383,36 @@ CASES: dict[str, Case] = {
     "pair of a missing mesh": Case(
         BENCH, "nowhere: does not exist", text("pairs.csv", "a,b\nbox,nowhere\n"), simulated=True
     ),
+    "bench objects are nowhere": Case(
+        "bench separation --objects nowhere", "--objects nowhere: there is no such folder"
+    ),
+    "bench objects are none": Case("bench separation --objects lib", "none of its sub-folders holds a mesh"),
+    "bench twins": Case("bench separation --twins side", "--twins 'side' is none of face, sticker, none"),
+    "bench twins and pairs": Case(f"{BENCH} --twins face", "--twins generates objects: leave out --pairs"),
+    "bench candidates": Case("bench separation --candidates 21", "--candidates 21 needs 21 objects, but there are 20"),
+    "bench measures": Case("bench separation --measures w1,w7", "--measures 'w7' is none of w0"),
+    "bench measures twice": Case("bench separation --measures w1,w1", "--measures 'w1,w1': separate different names"),
+    "bench baselines": Case(
+        "bench separation --baselines hog", "--baselines 'hog' is none of nearest, vote, sift, random"
+    ),
+    "bench disturbance without value": Case("bench pose --disturb light", "--disturb 'light': write KEY=NUMBER"),
+    "bench disturbance unknown": Case("bench pose --disturb fog=1", "--disturb 'fog=1': unknown key 'fog'"),
+    "bench disturbance too strong": Case("bench pose --disturb light=3", "--disturb 'light=3': key 'light' = 3.0"),
+    "bench rig": Case("bench pose --rig crane", "key 'rig.preset' = 'crane': choose one of turntable"),
+    "bench interpreter": Case(
+        "bench separation --interpreter oracle --json r.json", "no interpreter is called 'oracle'"
+    ),
+    "bench planner": Case("bench separation --planner oracle", "no planner is called 'oracle'"),
+    "bench resume without a result": Case("bench pose --resume", "--resume goes on with .* give the same --json FILE"),
+    "bench result without a folder": Case("bench pose --json no/r.json", "--json no/r.json: there is no folder no"),
+    "bench jobs": Case("bench pose --jobs 0", "--jobs 0: give a number of processes"),
+    "bench scheduler": Case("bench pose --scheduler here", "here.*tcp://"),
+    "bench plot is a file": Case("bench pose --plot f", "f", text("f", "")),
+    "bench pose of photos": Case(
+        "bench pose --objects set",
+        "set/tea holds photos, but poses are measured on any view of a mesh",
+        lambda: write_view_set(Path("set/tea"), 1, ring(0, 90, 180, 270)),
+    ),
     "bench config": Case(
         f"{BENCH} --config c.toml",
         "c.toml: unknown key 'x'",

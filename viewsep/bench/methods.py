@@ -8,6 +8,7 @@ from itertools import product
 
 from viewsep.config import Config, InterpreterConfig, PlannerConfig, PluginConfig
 from viewsep.errors import BadInput
+from viewsep.plugins import check_plugins
 
 ALL_MEASURES = "w0+w1+w2"
 MEASURES = (ALL_MEASURES, "w1", "w0+w1")
@@ -30,8 +31,8 @@ def methods_for(
 ) -> list[Method]:
     """Every interpreter with every planner; path hypotheses once for each set of measures that is to decide.
 
-    Options in the configuration belong to the interpreter and planner named there. Raises BadInput for measures that
-    do not exist.
+    Options in the configuration belong to the interpreter and planner named there. Raises BadInput for measures
+    and BadConfig for plug-ins and options that do not exist.
     """
     for given in measures:
         if given not in MEASURES:
@@ -49,6 +50,8 @@ def methods_for(
             methods += [Method(f"{PATH} {given}{suffix}", _rated_by(chosen, given)) for given in measures]
         else:
             methods.append(Method(f"{interpreter}{suffix}", chosen))
+    for method in methods:
+        check_plugins(method.config)
     return methods
 
 

@@ -91,6 +91,14 @@ def cache_of(folder: Path | None, megabytes: int) -> RenderCache | None:
     return RenderCache(folder, megabytes * 10**6) if megabytes > 0 else None
 
 
+def check_plot(folder: Path | None) -> None:
+    """Make the folder for pictures now: nobody wants to hear after an hour that it cannot be. Raises BadInput."""
+    if folder is not None:
+        from viewsep.plots.bench import make_folder  # matplotlib is slow to import
+
+        make_folder(folder)
+
+
 def running(jobs: int, scheduler: str, json: Path | None, resume: bool, bars: Progress) -> Running:
     """How the experiment is carried out, with a bar for each of its parts. Raises BadInput."""
     if resume and json is None:

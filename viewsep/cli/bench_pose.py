@@ -59,6 +59,7 @@ def pose(
         "views": views,
         "config": settings.model_dump(mode="json"),
     }
+    options.check_plot(plot)
     with progress_bar() as bars:
         report = run_pose(
             pose_runs(sources, runs, seed),

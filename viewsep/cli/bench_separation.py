@@ -16,6 +16,7 @@ from viewsep.cli import bench_options as options
 from viewsep.cli.bench_tables import tell_separation
 from viewsep.cli.console import progress_bar
 from viewsep.errors import BadInput
+from viewsep.sim.view_set import is_view_set
 
 
 def separation(
@@ -98,10 +99,11 @@ def separation(
         "seed": seed,
         "candidates": candidates,
         "unknown_fraction": unknown_fraction,
-        "views": views,
+        "views": None if all(is_view_set(Path(source)) for source in pool) else views,
         "every": every,
         "config": settings.model_dump(mode="json"),
     }
+    options.check_plot(plot)
     with progress_bar() as bars:
         report = run_separation(
             tasks,

@@ -18,9 +18,7 @@ def tell_separation(report: Report) -> None:
     summaries = report.summaries()
     rare = [o for o in OUTCOMES if o not in ("right", "wrong") and any(s[o] for s in summaries.values())]
     answers = Table(Column("method", no_wrap=True), "right", "95 %", "wrong", "95 %", *rare)
-    costs = Table(
-        Column("method", no_wrap=True), "looks", "travel", "p95", "x optimum", "pose", "comparisons", "step ms"
-    )
+    costs = Table(Column("method", no_wrap=True), "looks", "travel", "p95", "x best", "pose", "compared", "step ms")
     for method, s in summaries.items():
         answers.add_row(
             method,
@@ -43,8 +41,8 @@ def tell_separation(report: Report) -> None:
     results.print(answers)
     results.print(costs)
     results.print(
-        "medians; travel in degrees, and over the shortest way there was; pose: mean error in degrees; comparisons: in "
-        "one look and per candidate, once converged",
+        "medians; travel in degrees, x best: over the shortest way there was; pose: mean error in degrees; compared: "
+        "features in one look and per candidate, once converged",
         style="dim",
     )
     for test in report.comparisons():
@@ -64,7 +62,7 @@ def tell_separation(report: Report) -> None:
 def tell_pose(report: Report) -> None:
     """One row a method: failures, iterations, errors over all runs, comparisons."""
     table = Table(
-        Column("method", no_wrap=True), "failed", "looks", "mean", "median", "p95", "< 22.6", "comparisons", "step ms"
+        Column("method", no_wrap=True), "failed", "looks", "mean", "median", "p95", "<22.6", "compared", "step ms"
     )
     for method, s in report.summaries().items():
         table.add_row(
@@ -80,7 +78,8 @@ def tell_pose(report: Report) -> None:
         )
     results.print(table)
     results.print(
-        "errors in degrees over all runs, failed ones at their last estimate; comparisons: in one look, once converged",
+        "errors in degrees over all runs, failed ones at their last estimate; compared: features in one look, once "
+        "converged",
         style="dim",
     )
 
