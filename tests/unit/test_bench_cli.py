@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from dask_cluster import dask_cluster
 from shell import Shell
 from view_sets import ring, write_view_set
 
@@ -86,6 +87,19 @@ def test_figures_do_not_depend_on_processes(
     result = tmp_path / "two.json"
     typed = ("bench", "separation", *common(folder), "--runs", "4", "--jobs", "2", "--json", result)
     shell(*typed, "--disturb", "light=0.1,noise=0.02")
+    assert timeless(json.loads(result.read_text())) == timeless(separated)
+
+
+@pytest.mark.slow
+def test_figures_do_not_depend_on_the_machines(
+    separated: dict[str, Any], folder: Path, tmp_path: Path, shell: Shell
+) -> None:
+    pytest.importorskip("distributed")
+    result = tmp_path / "cluster.json"
+    with dask_cluster(tmp_path, folder) as address:
+        typed = ("bench", "separation", *common(folder), "--runs", "4", "--scheduler", address, "--json", result)
+        ended = shell(*typed, "--disturb", "light=0.1,noise=0.02")
+    assert ended.code in (0, None), ended.err
     assert timeless(json.loads(result.read_text())) == timeless(separated)
 
 

@@ -15,6 +15,7 @@ from pathlib import Path
 
 import pytest
 import slow_rows
+from dask_cluster import PATIENCE_S, dask_cluster
 from slow_rows import row, row_or_bug, row_or_death, row_or_error
 
 from viewsep.bench.cluster import connected
@@ -23,7 +24,6 @@ from viewsep.bench.runner import Call, Workers, run_calls
 from viewsep.errors import BadInput, BadMesh, Interrupted, ViewsepError
 
 EXPERIMENT = Path(slow_rows.__file__)
-PATIENCE_S = 30.0
 COUNT = 14
 
 
@@ -230,30 +230,9 @@ def test_where_no_scheduler_answers_is_said_within_the_deadline() -> None:
 
 @pytest.fixture
 def scheduler(tmp_path: Path) -> Iterator[str]:
-    """A Dask scheduler with two worker processes on this machine."""
     pytest.importorskip("distributed")
-    found, processes = tmp_path / "scheduler.json", []
-    environment = os.environ | {"PYTHONPATH": str(EXPERIMENT.parent)}
-    options = ["--scheduler-file", str(found), "--no-dashboard"]
-    try:
-        with (tmp_path / "dask.log").open("w") as log:
-            for role in (
-                ["scheduler", "--host", "127.0.0.1", "--port", "0"],
-                *2 * [["worker", "--nthreads", "1", "--no-nanny", "--local-directory", str(tmp_path)]],
-            ):
-                command = [sys.executable, "-m", "dask", *role, *options]
-                processes.append(subprocess.Popen(command, env=environment, stdout=log, stderr=log, cwd=tmp_path))
-                if role[0] == "scheduler":
-                    wait_until(found.exists)
-        yield str(json.loads(found.read_text())["address"])
-    finally:
-        for process in reversed(processes):  # the scheduler last: its workers wait for it
-            process.terminate()
-            try:
-                process.wait(5.0)
-            except subprocess.TimeoutExpired:
-                process.kill()
-                process.wait()
+    with dask_cluster(tmp_path, EXPERIMENT.parent) as address:
+        yield address
 
 
 @pytest.mark.slow
