@@ -7,7 +7,6 @@ import os
 import signal
 import threading
 import time
-import warnings
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
@@ -144,9 +143,7 @@ def _stoppable() -> Iterator[_Stop]:
 
 def _work_off(calls: list[Call], workers: Workers, keep: Callable[[str, Row], None], stop: _Stop) -> None:
     """Give all calls to the workers and keep the rows as they come. Whatever goes wrong ends the workers at once."""
-    with _backend(workers), warnings.catch_warnings():
-        # pybullet keeps some memory of every world it leaves; joblib then replaces the worker, which harms nothing
-        warnings.filterwarnings("ignore", message="A worker stopped while some jobs were given to the executor")
+    with _backend(workers):
         parallel = joblib.Parallel(return_as="generator_unordered", batch_size=1, max_nbytes=None)
         with _deaf_children():
             outcomes = parallel(joblib.delayed(_outcome)(call.key, call.function, *call.arguments) for call in calls)
