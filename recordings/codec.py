@@ -215,6 +215,8 @@ def _encode_event(event: messages.Event) -> pb.Event:
             return pb.Event(deadline_passed=pb.DeadlinePassed(stamp_ns=stamp_ns))
         case messages.CancelRequested(stamp_ns, reason):
             return pb.Event(cancel_requested=pb.CancelRequested(stamp_ns=stamp_ns, reason=reason))
+        case messages.RigFailed(stamp_ns, reason):
+            return pb.Event(rig_failed=pb.RigFailed(stamp_ns=stamp_ns, reason=reason))
         case _:
             raise ValueError("there is no schema for it")
 
@@ -236,6 +238,8 @@ def _decode_event(event: pb.Event) -> messages.Event:
             return messages.DeadlinePassed(event.deadline_passed.stamp_ns)
         case "cancel_requested":
             return messages.CancelRequested(event.cancel_requested.stamp_ns, event.cancel_requested.reason)
+        case "rig_failed":
+            return messages.RigFailed(event.rig_failed.stamp_ns, event.rig_failed.reason)
         case _:
             raise ValueError("an event of an unknown kind")
 

@@ -68,6 +68,13 @@ class SimMotion:
         """The simulation has none."""
         return ""
 
+    def clear_fault(self) -> None:
+        """There is nothing to clear."""
+
+    def temperatures_c(self) -> tuple[float | None, ...]:
+        """The simulation knows no heat."""
+        return (None,) * len(self.limits())
+
     def close(self) -> None:
         """Leave the world."""
         self._connected = False

@@ -107,6 +107,30 @@ class SimConfig(Section):
     slip_after_s: float = Field(default=5.0, ge=0)
 
 
+class ServiceConfig(Section):
+    """How the rig is served on Zenoh; see docs/deploy.md. `listen_images` and `connect_images` carry pictures only.
+
+    `name` is the rig's in every key. `keys` is the folder of certificates and `certificate` the one to use; without
+    keys only loopback addresses are allowed. A role that runs apart from the rig reaches it through `connect`.
+    """
+
+    name: str = Field(default="bench", pattern=r"^[A-Za-z0-9_.-]{1,64}$")
+    listen: tuple[str, ...] = ("tcp/127.0.0.1:7447",)
+    listen_images: tuple[str, ...] = ("tcp/127.0.0.1:7448",)
+    connect: tuple[str, ...] = ()
+    keys: str = ""
+    certificate: str = "rig"
+    library: str = "library"
+    recordings: str = "recordings"
+    record: bool = True
+    holds: str = Field(default="generated:7", min_length=1)
+    seed: int = Field(default=0, ge=0, le=2**62)
+    speed: float = Field(default=1.0, ge=0, le=100)
+    send: Literal["image", "crop", "descriptor"] = "descriptor"
+    lease_s: float = Field(default=2.0, ge=0.2, le=60)
+    resume_s: float = Field(default=10.0, ge=0, le=3600)
+
+
 class Config(Section):
     """Everything that decides how viewsep behaves, apart from the seed and the models."""
 
@@ -117,6 +141,7 @@ class Config(Section):
     planner: PlannerConfig = PlannerConfig()
     task: TaskConfig = TaskConfig()
     sim: SimConfig = SimConfig()
+    service: ServiceConfig = ServiceConfig()
 
 
 def load_config(path: Path) -> Config:

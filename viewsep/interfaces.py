@@ -69,6 +69,14 @@ class MotionBackend(Protocol):
         """Empty when all is well, otherwise a sentence that says what is wrong and how to clear it."""
         ...
 
+    def clear_fault(self) -> None:
+        """Clear what can be cleared and hold. Does nothing without a fault; raises RigError with what remains."""
+        ...
+
+    def temperatures_c(self) -> tuple[float | None, ...]:
+        """The newest temperature of every joint in the rig's order, None where it is not measured."""
+        ...
+
     def close(self) -> None:
         """Stop and release the device. Safe to call twice; tries everything, then raises the first error."""
         ...
@@ -92,6 +100,30 @@ class CameraSource(Protocol):
 
     def close(self) -> None:
         """Release the device. Safe to call twice."""
+        ...
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Look:
+    """What one look at the object gave. `percept` is None when the frame could not be used, `problem` then says why.
+
+    `frame` is what the camera took, or None where only the percept comes over from the rig.
+    """
+
+    stamp_ns: int
+    frame: Frame | None
+    percept: Percept | None
+    problem: str = ""
+
+
+class Perception(Protocol):
+    """Turns what the camera sees into percepts. It sits where the rig is: a frame is paired with read-backs there."""
+
+    def look(self, newer_than_ns: int, timeout_s: float) -> Look:
+        """The first look at what was exposed after `newer_than_ns`.
+
+        Raises Timeout when no frame comes within `timeout_s`.
+        """
         ...
 
 

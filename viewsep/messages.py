@@ -163,7 +163,24 @@ class CancelRequested:
     reason: str
 
 
-Event = TaskStarted | PerceptReceived | MoveSettled | MoveFailed | FrameMissing | DeadlinePassed | CancelRequested
+@dataclass(frozen=True, slots=True)
+class RigFailed:
+    """The rig cannot go on: it was lost, stopped or taken away; `reason` is a sentence."""
+
+    stamp_ns: int
+    reason: str
+
+
+Event = (
+    TaskStarted
+    | PerceptReceived
+    | MoveSettled
+    | MoveFailed
+    | FrameMissing
+    | DeadlinePassed
+    | CancelRequested
+    | RigFailed
+)
 
 
 @dataclass(frozen=True, eq=False, slots=True)

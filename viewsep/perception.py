@@ -6,10 +6,39 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from viewsep.errors import Timeout
-from viewsep.interfaces import Descriptor
+from viewsep.errors import BadInput, Timeout
+from viewsep.interfaces import Descriptor, Look
 from viewsep.kinematics import RigGeometry
 from viewsep.messages import FloatArray, Frame, JointState, Percept
+from viewsep.session import Rig
+
+POLL_NS = 5_000_000
+
+
+class RigPerception:
+    """`Perception` beside the rig: camera, read-backs and descriptor in one process."""
+
+    def __init__(self, rig: Rig, descriptor: Descriptor) -> None:
+        self._rig = rig
+        self._descriptor = descriptor
+
+    def look(self, newer_than_ns: int, timeout_s: float) -> Look:
+        """Read a frame and pair it with the joint angles at its moment. Raises Timeout when none comes."""
+        frame = self._rig.camera.read(newer_than_ns, timeout_s)
+        try:
+            history = self._history_around(frame.stamp_ns, timeout_s)
+            return Look(frame.stamp_ns, frame, perceive(frame, history, self._rig.geometry, self._descriptor))
+        except (Timeout, BadInput) as error:
+            return Look(frame.stamp_ns, frame, None, str(error))
+
+    def _history_around(self, stamp_ns: int, timeout_s: float) -> tuple[JointState, ...]:
+        """Read-backs around a moment; waits for the one after it."""
+        deadline_ns = self._rig.clock.now_ns() + round(timeout_s * 1e9)
+        history = self._rig.motion.history(stamp_ns)
+        while (not history or history[-1].stamp_ns < stamp_ns) and self._rig.clock.now_ns() < deadline_ns:
+            self._rig.clock.sleep_until(self._rig.clock.now_ns() + POLL_NS)
+            history = self._rig.motion.history(stamp_ns)
+        return history
 
 
 def perceive(frame: Frame, history: Sequence[JointState], geometry: RigGeometry, descriptor: Descriptor) -> Percept:

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
 
 from viewsep.engine.engine import Engine
 from viewsep.engine.state import EngineState
-from viewsep.errors import BadInput, MoveRefused, Timeout, UnreachableView
-from viewsep.interfaces import CameraSource, Clock, Descriptor, Listener, MotionBackend
+from viewsep.errors import MoveRefused, RigError, Timeout, UnreachableView
+from viewsep.interfaces import CameraSource, Clock, Listener, MotionBackend, Perception
 from viewsep.kinematics import RigGeometry
 from viewsep.messages import (
     CancelRequested,
@@ -25,9 +26,9 @@ from viewsep.messages import (
     MoveTo,
     PerceptReceived,
     Result,
+    RigFailed,
     TaskStarted,
 )
-from viewsep.perception import perceive
 
 POLL_NS = 20_000_000
 SETTLED_RAD = np.radians(0.5)
@@ -67,13 +68,13 @@ class Session:
         self,
         rig: Rig,
         engine: Engine,
-        descriptor: Descriptor,
+        perception: Perception,
         pace: Pace | None = None,
         listeners: Sequence[Listener] = (),
     ) -> None:
         self.rig = rig
         self.engine = engine
-        self.descriptor = descriptor
+        self.perception = perception
         self.pace = pace or Pace()
         self.listeners = listeners
         self.state: EngineState = engine.start()
@@ -109,14 +110,28 @@ class Session:
         self._cancelled = reason
 
     def run(self, seed: int) -> Result:
-        """Carry out one task. Raises RigError when the rig fails in a way that leaves nothing to decide."""
-        clock, pace = self.rig.clock, self.pace
+        """Carry out one task. A rig that fails on the way ends it as failed; raises RigError when it cannot begin."""
+        clock = self.rig.clock
         self.state = self.engine.start()
         self._move = None
-        deadline_ns = clock.now_ns() + round(pace.deadline_s * 1e9)
         start = self._newest_state()
         view = self.rig.geometry.view_direction(start.position_rad)
-        self._feed(TaskStarted(clock.now_ns(), seed, view))
+        try:
+            self._feed(TaskStarted(clock.now_ns(), seed, view))
+            self._loop()
+        except RigError as error:
+            self._move = None
+            with suppress(RigError):  # a rig that fails may not even stop: closing it tries again and tells
+                self._feed(RigFailed(clock.now_ns(), str(error)))
+        finally:
+            self._cancelled = ""
+        assert self.state.result is not None
+        return self.state.result
+
+    def _loop(self) -> None:
+        """Look, watch and feed until there is a result."""
+        clock, pace = self.rig.clock, self.pace
+        deadline_ns = clock.now_ns() + round(pace.deadline_s * 1e9)
         last_look_ns = clock.now_ns()
         while self.state.result is None:
             last_look_ns = self._look(self._wait(last_look_ns + round(pace.look_period_s * 1e9)), last_look_ns)
@@ -124,8 +139,6 @@ class Session:
                 self._feed(CancelRequested(clock.now_ns(), self._cancelled))
             elif clock.now_ns() > deadline_ns:
                 self._feed(DeadlinePassed(clock.now_ns()))
-        self._cancelled = ""
-        return self.state.result
 
     def _wait(self, until_ns: int) -> int:
         """Watch the motion until it is time for the next look; returns that time."""
@@ -137,34 +150,22 @@ class Session:
         return until_ns
 
     def _look(self, due_ns: int, last_look_ns: int) -> int:
-        """Read the frame that is due, turn it into a percept, feed it; returns the time of this look."""
+        """Take the look that is due and feed what it gave; returns the time of this look."""
         if self.state.result is not None or self._cancelled:
             return last_look_ns
         try:
-            frame = self.rig.camera.read(due_ns - 1, self.pace.frame_timeout_s)
+            look = self.perception.look(due_ns - 1, self.pace.frame_timeout_s)
         except Timeout as error:
             self._feed(FrameMissing(self.rig.clock.now_ns(), str(error)))
             return self.rig.clock.now_ns()
-        self._tell(frame.stamp_ns, frame)
-        try:
-            history = self._history_around(frame.stamp_ns)
-            percept = perceive(frame, history, self.rig.geometry, self.descriptor)
-        except (Timeout, BadInput) as error:
-            self._feed(FrameMissing(frame.stamp_ns, str(error)))
+        if look.frame is not None:
+            self._tell(look.stamp_ns, look.frame)
+        self._hear_motion(self.rig.motion.history(self._heard_until_ns))
+        if look.percept is None:
+            self._feed(FrameMissing(look.stamp_ns, look.problem))
         else:
-            self._feed(PerceptReceived(percept))
-        return frame.stamp_ns
-
-    def _history_around(self, stamp_ns: int) -> tuple[JointState, ...]:
-        """Read-backs around a moment; waits for the one after it."""
-        clock = self.rig.clock
-        deadline_ns = clock.now_ns() + round(self.pace.frame_timeout_s * 1e9)
-        history = self.rig.motion.history(stamp_ns)
-        while (not history or history[-1].stamp_ns < stamp_ns) and clock.now_ns() < deadline_ns:
-            clock.sleep_until(clock.now_ns() + POLL_NS // 4)
-            history = self.rig.motion.history(stamp_ns)
-        self._hear_motion(history)
-        return history
+            self._feed(PerceptReceived(look.percept))
+        return look.stamp_ns
 
     def _newest_state(self) -> JointState:
         state = self.rig.motion.read_state()

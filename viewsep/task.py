@@ -16,6 +16,7 @@ from viewsep.geometry import matrix_to_quaternion, rotation_angle
 from viewsep.interfaces import Listener
 from viewsep.messages import Result
 from viewsep.models.aspect_graph import AspectGraph
+from viewsep.perception import RigPerception
 from viewsep.plugins import make_descriptor
 from viewsep.recording import task_recorder
 from viewsep.rigs import PictureKind, pace_of, rig_holding
@@ -107,7 +108,8 @@ def run_task(
     config = simulated.config
     engine = make_engine(config, models)
     _check_source(task, models, simulated.object_digest)
-    session = Session(simulated.rig, engine, make_descriptor(config.descriptor), pace_of(config), listeners)
+    perception = RigPerception(simulated.rig, make_descriptor(config.descriptor))
+    session = Session(simulated.rig, engine, perception, pace_of(config), listeners)
     on_start(session)
     if task.record is None:
         with session:

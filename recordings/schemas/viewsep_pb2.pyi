@@ -35,20 +35,22 @@ class Percept(_message.Message):
     def __init__(self, stamp_ns: _Optional[int] = ..., sequence: _Optional[int] = ..., descriptor: _Optional[str] = ..., feature: _Optional[_Iterable[float]] = ..., view_direction: _Optional[_Iterable[float]] = ...) -> None: ...
 
 class Event(_message.Message):
-    __slots__ = ("task_started", "move_settled", "move_failed", "frame_missing", "deadline_passed", "cancel_requested")
+    __slots__ = ("task_started", "move_settled", "move_failed", "frame_missing", "deadline_passed", "cancel_requested", "rig_failed")
     TASK_STARTED_FIELD_NUMBER: _ClassVar[int]
     MOVE_SETTLED_FIELD_NUMBER: _ClassVar[int]
     MOVE_FAILED_FIELD_NUMBER: _ClassVar[int]
     FRAME_MISSING_FIELD_NUMBER: _ClassVar[int]
     DEADLINE_PASSED_FIELD_NUMBER: _ClassVar[int]
     CANCEL_REQUESTED_FIELD_NUMBER: _ClassVar[int]
+    RIG_FAILED_FIELD_NUMBER: _ClassVar[int]
     task_started: TaskStarted
     move_settled: MoveSettled
     move_failed: MoveFailed
     frame_missing: FrameMissing
     deadline_passed: DeadlinePassed
     cancel_requested: CancelRequested
-    def __init__(self, task_started: _Optional[_Union[TaskStarted, _Mapping]] = ..., move_settled: _Optional[_Union[MoveSettled, _Mapping]] = ..., move_failed: _Optional[_Union[MoveFailed, _Mapping]] = ..., frame_missing: _Optional[_Union[FrameMissing, _Mapping]] = ..., deadline_passed: _Optional[_Union[DeadlinePassed, _Mapping]] = ..., cancel_requested: _Optional[_Union[CancelRequested, _Mapping]] = ...) -> None: ...
+    rig_failed: RigFailed
+    def __init__(self, task_started: _Optional[_Union[TaskStarted, _Mapping]] = ..., move_settled: _Optional[_Union[MoveSettled, _Mapping]] = ..., move_failed: _Optional[_Union[MoveFailed, _Mapping]] = ..., frame_missing: _Optional[_Union[FrameMissing, _Mapping]] = ..., deadline_passed: _Optional[_Union[DeadlinePassed, _Mapping]] = ..., cancel_requested: _Optional[_Union[CancelRequested, _Mapping]] = ..., rig_failed: _Optional[_Union[RigFailed, _Mapping]] = ...) -> None: ...
 
 class TaskStarted(_message.Message):
     __slots__ = ("stamp_ns", "seed", "view_direction")
@@ -93,6 +95,14 @@ class DeadlinePassed(_message.Message):
     def __init__(self, stamp_ns: _Optional[int] = ...) -> None: ...
 
 class CancelRequested(_message.Message):
+    __slots__ = ("stamp_ns", "reason")
+    STAMP_NS_FIELD_NUMBER: _ClassVar[int]
+    REASON_FIELD_NUMBER: _ClassVar[int]
+    stamp_ns: int
+    reason: str
+    def __init__(self, stamp_ns: _Optional[int] = ..., reason: _Optional[str] = ...) -> None: ...
+
+class RigFailed(_message.Message):
     __slots__ = ("stamp_ns", "reason")
     STAMP_NS_FIELD_NUMBER: _ClassVar[int]
     REASON_FIELD_NUMBER: _ClassVar[int]

@@ -71,6 +71,19 @@ class MotionContract:
             assert case.motion.fault() == ""
             assert case.motion.read_state().fault == ""
 
+    def test_clearing_without_a_fault_disturbs_nothing(self, case: MotionCase) -> None:
+        with connected(case):
+            commanded = case.motion.move_to(within(case, 0.6))
+            case.motion.clear_fault()
+            _, state = settled(case)
+            np.testing.assert_allclose(state.position_rad, commanded, atol=case.accuracy_rad)
+
+    def test_every_joint_has_a_temperature_or_none(self, case: MotionCase) -> None:
+        with connected(case):
+            temperatures = case.motion.temperatures_c()
+        assert len(temperatures) == len(case.motion.limits())
+        assert all(value is None or -40.0 < value < 150.0 for value in temperatures)
+
     def test_it_commands_what_it_says_and_arrives_there(self, case: MotionCase) -> None:
         with connected(case):
             for share in (0.8, 0.3):

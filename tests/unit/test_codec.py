@@ -48,6 +48,7 @@ STRATEGIES: dict[type, st.SearchStrategy[Any]] = {
     m.FrameMissing: st.builds(m.FrameMissing, INT64, TEXT),
     m.DeadlinePassed: st.builds(m.DeadlinePassed, INT64),
     m.CancelRequested: st.builds(m.CancelRequested, INT64, TEXT),
+    m.RigFailed: st.builds(m.RigFailed, INT64, TEXT),
     m.MoveTo: st.builds(m.MoveTo, INT64, doubles(3), PHASE),
     m.Stop: st.builds(m.Stop, INT64, TEXT),
     m.Estimate: st.builds(

@@ -17,6 +17,7 @@ from viewsep.geometry import angle_between, rotation_angle, spherical_direction
 from viewsep.learning import learn_view_set
 from viewsep.messages import Frame, JointState, Message, Percept, PerceptReceived
 from viewsep.models.aspect_graph import AspectGraph
+from viewsep.perception import RigPerception
 from viewsep.plugins import make_descriptor
 from viewsep.rigs import PictureKind, SimulatedRig, held_out, pace_of, photo_rig, rig_holding
 from viewsep.session import Session
@@ -55,7 +56,8 @@ def sets(folder: Path, angles_deg: list[Angles]) -> list[ViewSet]:
 
 def run(rig: SimulatedRig, models: list[AspectGraph], seed: int = 0) -> Heard:
     heard, used = Heard(), rig.config
-    session = Session(rig.rig, make_engine(used, models), make_descriptor(used.descriptor), pace_of(used), [heard])
+    perception = RigPerception(rig.rig, make_descriptor(used.descriptor))
+    session = Session(rig.rig, make_engine(used, models), perception, pace_of(used), [heard])
     with session:
         session.run(seed)
     return heard

@@ -28,6 +28,7 @@ from viewsep.messages import (
     TaskStarted,
 )
 from viewsep.models.aspect_graph import AspectGraph, Provenance
+from viewsep.perception import RigPerception
 from viewsep.plots.contact_sheet import contact_sheet, sheet_order
 from viewsep.plots.report import report
 from viewsep.plots.sphere import SphereView, along_arcs, draw_globe, draw_path
@@ -230,7 +231,8 @@ def simulated(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Recor
         rig = simulated_rig(config(preset), sources["twin"], 3).rig
         recorder = task_recorder(path, config(preset), models, 3, "twin")
         engine = make_engine(config(preset), models)
-        with recorder, Session(rig, engine, DESCRIPTOR, pace_of(config(preset)), [recorder]) as session:
+        perception = RigPerception(rig, DESCRIPTOR)
+        with recorder, Session(rig, engine, perception, pace_of(config(preset)), [recorder]) as session:
             session.run(3)
         return read_recording(path)
 

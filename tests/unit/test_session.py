@@ -34,11 +34,12 @@ from viewsep.messages import (
     Outcome,
     PerceptReceived,
     Result,
+    RigFailed,
     Stop,
     TaskStarted,
 )
 from viewsep.models.aspect_graph import AspectGraph, Provenance
-from viewsep.perception import position_at
+from viewsep.perception import RigPerception, position_at
 from viewsep.recordings.codec import to_bytes
 from viewsep.session import Pace, Rig, Session
 from viewsep.sim.clock import SimClock
@@ -92,6 +93,12 @@ class ScriptedMotion:
 
     def fault(self) -> str:
         return self.faults
+
+    def clear_fault(self) -> None:
+        self.faults = ""
+
+    def temperatures_c(self) -> tuple[float | None, ...]:
+        return (None,) * len(self.limits())
 
     def close(self) -> None:
         self.calls.append("close")
@@ -204,7 +211,8 @@ class Scripted:
 def scripted(rig_preset: str = "gimbal", pace: Pace | None = None) -> Scripted:
     clock, geometry, notes = SimClock(), preset(rig_preset), Notes()
     motion, camera = ScriptedMotion(clock, geometry.limits), ScriptedCamera(clock)
-    session = Session(Rig(motion, camera, geometry, clock), few_looks_engine(), ColourCooccurrence(), pace, [notes])
+    rig = Rig(motion, camera, geometry, clock)
+    session = Session(rig, few_looks_engine(), RigPerception(rig, ColourCooccurrence()), pace, [notes])
     return Scripted(motion, camera, clock, session, notes)
 
 
@@ -281,15 +289,16 @@ def test_a_view_the_rig_cannot_show_fails_and_nothing_moves() -> None:
     assert "move_to" not in case.motion.calls
 
 
-def test_other_errors_of_the_rig_are_not_hidden() -> None:
+def test_another_error_of_the_rig_ends_the_task_as_failed_and_says_why() -> None:
     case = scripted()
 
     def unplugged(position_rad: Sequence[float]) -> tuple[float, ...]:
         raise NotConnected("the motion was unplugged")
 
     case.motion.move_to = unplugged  # type: ignore[method-assign]
-    with pytest.raises(NotConnected, match="unplugged"):
-        case.run()
+    result = case.run()
+    assert (result.outcome, result.reason) == (Outcome.FAILED, "the motion was unplugged")
+    assert len(case.notes.of(RigFailed)) == 1
     assert case.motion.calls[-1] == "close"
     assert case.camera.calls[-1] == "close"
 

@@ -18,6 +18,7 @@ from viewsep.bench.tasks import SeparationTask
 from viewsep.errors import RigError
 from viewsep.geometry import rotation_angle
 from viewsep.messages import FloatArray, Result
+from viewsep.perception import RigPerception
 from viewsep.plugins import make_descriptor
 from viewsep.rigs import SimulatedRig, pace_of
 from viewsep.session import Session
@@ -29,7 +30,7 @@ def separation_row(task: SeparationTask, method: Method, setup: Setup) -> Row:
     models = [setup.model(source, held.config) for source in task.candidates]
     engine = TimedEngine(make_engine(held.config, models))
     observer = Observer()
-    descriptor = make_descriptor(held.config.descriptor)
+    perception = RigPerception(held.rig, make_descriptor(held.config.descriptor))
     row: Row = {
         "index": task.index,
         "seed": task.seed,
@@ -39,7 +40,7 @@ def separation_row(task: SeparationTask, method: Method, setup: Setup) -> Row:
         "candidates": [model.name for model in models],
     }
     try:
-        with Session(held.rig, engine, descriptor, pace_of(held.config), [observer]) as session:
+        with Session(held.rig, engine, perception, pace_of(held.config), [observer]) as session:
             result = session.run(task.seed)
     except RigError as error:
         return row | {"outcome": "failed", "verdict": "failed", "object": "", "reason": str(error)}

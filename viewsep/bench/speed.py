@@ -13,6 +13,7 @@ from viewsep.geometry import random_rotation
 from viewsep.interfaces import Descriptor
 from viewsep.learning import CAMERA_DIRECTION, learn_object
 from viewsep.messages import Array
+from viewsep.perception import RigPerception
 from viewsep.plugins import make_descriptor
 from viewsep.rigs import pace_of, simulated_rig
 from viewsep.session import Session
@@ -39,7 +40,7 @@ def _engine_steps(seed: int, config: Config) -> list[float]:
         models = [learn_object(s, name, 100, config) for s, name in ((source, "a"), (f"{source}:twin=face", "b"))]
         engine = TimedEngine(make_engine(config, models))
         rig = simulated_rig(config, source, seed + task).rig
-        with Session(rig, engine, make_descriptor(config.descriptor), pace_of(config)) as session:
+        with Session(rig, engine, RigPerception(rig, make_descriptor(config.descriptor)), pace_of(config)) as session:
             session.run(seed + task)
         times += engine.wall_s
     return times

@@ -22,6 +22,7 @@ from viewsep.messages import (
     PerceptReceived,
     Phase,
     Result,
+    RigFailed,
     Stop,
     TaskStarted,
 )
@@ -62,6 +63,8 @@ class Engine:
                 return self._end(state, indecision(state, stamp_ns, "the time for the task is over"))
             case CancelRequested(stamp_ns, reason):
                 return self._end(state, failure(state, stamp_ns, f"cancelled: {reason}"))
+            case RigFailed(stamp_ns, reason):
+                return self._end(state, failure(state, stamp_ns, reason))
         raise TypeError(f"the engine does not know the event {event!r}")
 
     def _begin(self, event: TaskStarted) -> Step:
