@@ -105,17 +105,23 @@ def encode_frame(frame: Frame) -> tuple[tuple[str, CompressedImage], ...]:
     Raises BadInput unless the picture is (H, W, 3) uint8 with at least one pixel and the mask (H, W) bool.
     """
     image, mask = frame.image, frame.mask
-    if image.ndim != 3 or image.shape[2] != 3 or image.size == 0 or image.dtype != np.uint8:
-        raise BadInput(f"frame {frame.sequence}: its image is {image.shape} {image.dtype}, give (H, W, 3) uint8")
-    if mask is not None and (mask.shape != image.shape[:2] or mask.dtype != np.bool_):
-        raise BadInput(f"frame {frame.sequence}: its mask is {mask.shape} {mask.dtype}, give {image.shape[:2]} bool")
-    stamp = Timestamp(seconds=frame.stamp_ns // _NS_PER_S, nanos=frame.stamp_ns % _NS_PER_S)
-    jpeg = _compress(".jpg", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), JPEG_OPTIONS)
-    picture = (IMAGE_TOPIC, CompressedImage(timestamp=stamp, data=jpeg, format="jpeg"))
+    picture = (IMAGE_TOPIC, encode_picture(frame))
     if mask is None:
         return (picture,)
+    if mask.shape != image.shape[:2] or mask.dtype != np.bool_:
+        raise BadInput(f"frame {frame.sequence}: its mask is {mask.shape} {mask.dtype}, give {image.shape[:2]} bool")
     png = _compress(".png", mask.astype(np.uint8) * 255, [])
-    return ((MASK_TOPIC, CompressedImage(timestamp=stamp, data=png, format="png")), picture)
+    return ((MASK_TOPIC, CompressedImage(timestamp=picture[1].timestamp, data=png, format="png")), picture)
+
+
+def encode_picture(frame: Frame) -> CompressedImage:
+    """The frame's picture alone. Raises BadInput unless it is (H, W, 3) uint8 with at least one pixel."""
+    image = frame.image
+    if image.ndim != 3 or image.shape[2] != 3 or image.size == 0 or image.dtype != np.uint8:
+        raise BadInput(f"frame {frame.sequence}: its image is {image.shape} {image.dtype}, give (H, W, 3) uint8")
+    stamp = Timestamp(seconds=frame.stamp_ns // _NS_PER_S, nanos=frame.stamp_ns % _NS_PER_S)
+    jpeg = _compress(".jpg", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), JPEG_OPTIONS)
+    return CompressedImage(timestamp=stamp, data=jpeg, format="jpeg")
 
 
 def decode_frame(sequence: int, image: CompressedImage, mask: CompressedImage | None) -> RecordedFrame:

@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import struct
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
+
+from foxglove_schemas_protobuf.Log_pb2 import Log
+from google.protobuf.message import Message as Protobuf
 
 from viewsep.recordings.codec import IMAGE_TOPIC, SCHEMAS
 
@@ -12,8 +16,13 @@ PREFIX = "viewsep"
 STATUS_SCHEMA = "viewsep.status/1"
 MANIFEST_SCHEMA = "viewsep.manifest/1"
 LOG = "log"
-STREAMS = ("motion/state", "percept", "event", "command", "estimate", "result", LOG)
-"""What is published besides pictures."""
+RIG_STREAMS = ("motion/state", LOG)
+ENGINE_STREAMS = ("percept", "event", "command", "estimate", "result", LOG)
+STREAMS: Mapping[str, type[Protobuf]] = {
+    topic: Log if topic == LOG else SCHEMAS[topic]
+    for topic in dict.fromkeys((IMAGE_TOPIC, *RIG_STREAMS, *ENGINE_STREAMS))
+}
+"""Everything that is published, and the protobuf message of each."""
 JSON = "application/json"
 _ATTACHMENT = struct.Struct("<Qq")
 
@@ -69,8 +78,7 @@ class Keys:
 
 def encoding(topic: str) -> str:
     """The encoding of a stream: protobuf, with the schema's name."""
-    name = "foxglove.Log" if topic == LOG else SCHEMAS[topic].DESCRIPTOR.full_name
-    return f"application/protobuf;{name}"
+    return f"application/protobuf;{STREAMS[topic].DESCRIPTOR.full_name}"
 
 
 def attachment(sequence: int, stamp_ns: int) -> bytes:

@@ -92,11 +92,11 @@ class MoveRequest(Request):
 
 
 class LearnRequest(Request):
-    """Learn a model into the service's library: `source` as for `viewsep learn`."""
+    """Learn a model into the service's library: `source` as for `viewsep learn`; `views` of a mesh (100 by default)."""
 
     source: str = Field(min_length=1, max_length=500)
     name: str = Field(default="", max_length=100)
-    views: int = Field(default=100, ge=4, le=2000)
+    views: int | None = Field(default=None, ge=4, le=2000)
 
 
 class RecordRequest(Request):

@@ -1,0 +1,106 @@
+"""One task of a service: a session in a thread, heard by status, streams and recorder."""
+
+from __future__ import annotations
+
+import logging
+import threading
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+
+from viewsep.assembly import make_engine
+from viewsep.config import Config
+from viewsep.errors import ViewsepError
+from viewsep.interfaces import Listener
+from viewsep.messages import Result
+from viewsep.models.aspect_graph import AspectGraph
+from viewsep.plugins import make_descriptor
+from viewsep.recording import task_recorder
+from viewsep.recordings.queue import QueuedListener
+from viewsep.rigs import pace_of
+from viewsep.service.rig_access import RigAccess
+from viewsep.session import Session
+
+log = logging.getLogger("viewsep.service")
+
+
+@dataclass(frozen=True, slots=True)
+class TaskOrder:
+    """What was asked for. `record` is where the recording goes, None for none; `truth` is empty where not known."""
+
+    name: str
+    owner: str
+    token: str
+    seed: int
+    truth: str
+    record: Path | None
+
+
+class RunningTask:
+    """A task under way. `on_end(result, error)` is called from its thread when everything is closed: one is None."""
+
+    def __init__(
+        self,
+        order: TaskOrder,
+        config: Config,
+        models: Sequence[AspectGraph],
+        access: RigAccess,
+        listeners: Sequence[Listener],
+        on_end: Callable[[Result | None, Exception | None], None],
+    ) -> None:
+        self.order = order
+        self.recorder: QueuedListener | None = None
+        self._config = config
+        self._access = access
+        self._on_end = on_end
+        self._cancelled = ""
+        rig = access.rig(order.name)
+        descriptor = make_descriptor(config.descriptor)
+        engine, perception = make_engine(config, models), access.perception(order.name, descriptor)
+        self._session = Session(rig, engine, perception, pace_of(config), listeners)
+        self._models = models
+        self._thread = threading.Thread(target=self._run, name="viewsep task")
+
+    def start(self) -> None:
+        """Begin; the lease is held already."""
+        self._thread.start()
+
+    def cancel(self, reason: str) -> None:
+        """Ask it to end; returns at once."""
+        self._session.cancel(reason)
+
+    def join(self, timeout_s: float) -> bool:
+        """Wait until it has ended; whether it has."""
+        self._thread.join(timeout_s)
+        return not self._thread.is_alive()
+
+    def _run(self) -> None:
+        result: Result | None = None
+        failed: Exception | None = None
+        try:
+            with ExitStack() as stack:
+                stack.callback(self._access.release, self.order.name)
+                if self.order.record is not None:
+                    stack.enter_context(self._recording(self.order.record))
+                result = self._session.run(self.order.seed)
+        except Exception as error:
+            failed = error
+            if not isinstance(error, ViewsepError):
+                log.error("task %s ended by a bug", self.order.name, exc_info=error)
+        self._on_end(result, failed)
+
+    def _recording(self, path: Path) -> ExitStack:
+        """Record from now on, in a thread of its own; a recording that fails ends the task."""
+        order = self.order
+        recorder = task_recorder(path, self._config, self._models, order.seed, order.truth)
+        with ExitStack() as stack:
+            stack.enter_context(recorder)
+            self.recorder = QueuedListener(recorder, "viewsep recorder", self._recording_failed)
+            stack.callback(self.recorder.close)
+            self._session.listeners = (*self._session.listeners, self.recorder)
+            return stack.pop_all()
+
+    def _recording_failed(self, error: Exception) -> None:
+        log.error("the recording has ended: %s", error)
+        self.cancel(f"the recording cannot go on: {error}")
