@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from viewsep import __version__
-from viewsep.cli import bench, demo, learn, models, replay, report, separate
+from viewsep.cli import bench, demo, learn, models, replay, report, separate, serve
 
 app = typer.Typer(
     help="Tell look-alike objects apart by turning them in front of a camera.",
@@ -21,6 +21,7 @@ app.command("demo")(demo.demo)
 app.command("learn")(learn.learn)
 app.command("models")(models.models)
 app.command("separate")(separate.separate)
+app.command("serve")(serve.serve)
 app.command("replay")(replay.replay)
 app.command("report")(report.report)
 app.add_typer(bench.app, name="bench")

@@ -13,8 +13,6 @@ from rich.logging import RichHandler
 from viewsep.cli.console import MAX_SEED, people
 from viewsep.config import Config, load_config, parse_config
 from viewsep.service.names import Role
-from viewsep.service.rig_setup import served_rig
-from viewsep.service.serve import Service
 
 
 def serve(
@@ -43,6 +41,9 @@ def serve(
 
         viewsep serve --config rig.toml --role rig
     """
+    from viewsep.service.rig_setup import served_rig  # Zenoh is slow to import
+    from viewsep.service.serve import Service
+
     settings = _overridden(
         load_config(config) if config else Config(),
         library=str(models) if models else None,

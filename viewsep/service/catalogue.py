@@ -22,7 +22,11 @@ class Catalogue:
 
     def digests(self) -> dict[str, str]:
         """Names and digests of the models that can be used."""
-        return {entry.name: entry.digest for entry in self._read() if isinstance(entry, AspectGraph)}
+        return {model.name: model.digest for model in self.models()}
+
+    def models(self) -> list[AspectGraph]:
+        """The models that can be used."""
+        return [entry for entry in self._read() if isinstance(entry, AspectGraph)]
 
     def faults(self) -> tuple[str, ...]:
         """What is wrong with the others, a sentence each."""

@@ -140,6 +140,8 @@ class RigRole:
             faults = (*faults, served.camera.problem)
         return RigStatus(
             simulated=served.simulated,
+            clock_ns=served.clock.now_ns(),
+            speed=served.speed,
             holds=served.holds,
             motion=motion,
             camera=camera,

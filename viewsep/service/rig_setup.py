@@ -2,12 +2,36 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 from viewsep.config import Config
-from viewsep.errors import BadInput
-from viewsep.models.aspect_graph import AspectGraph
 from viewsep.rigs import rig_holding
 from viewsep.service.catalogue import Catalogue
 from viewsep.service.hardware import SharedCamera, SharedMotion
 from viewsep.service.lease import Lease
 from viewsep.service.served_rig import ServedRig
 from viewsep.sim.source import absolute_source
+
+
+def served_rig(config: Config) -> ServedRig:
+    """The configured rig, shared; nothing is opened yet. Raises BadInput.
+
+    A simulated rig that holds photos shows those that no model of the library was learned from, if there are any.
+    """
+    settings = config.service
+    models = Catalogue(Path(settings.library)).models()
+    held = rig_holding(settings.holds, models, config, settings.seed, speed=settings.speed)
+    lease = Lease(settings.lease_s)
+    stepped = settings.speed == 0
+    return ServedRig(
+        config=held.config,
+        motion=SharedMotion(held.rig.motion, lease),
+        camera=SharedCamera(held.rig.camera, held.rig.clock, stepped=stepped),
+        lease=lease,
+        geometry=held.rig.geometry,
+        clock=held.rig.clock,
+        simulated=True,
+        pictures=held.pictures,
+        holds=absolute_source(settings.holds),
+        speed=settings.speed,
+    )

@@ -48,9 +48,12 @@ class CameraStatus(Said):
 
 
 class RigStatus(Said):
-    """The role that holds the hardware. `holds` is what a simulated rig shows; `connections` counts links by name."""
+    """The role that holds the hardware. `holds` is what a simulated rig shows; `connections` names who is connected;
+    `clock_ns` is the rig's clock, which all stamps are of, and `speed` how fast it runs (0: only while waited for)."""
 
     simulated: bool
+    clock_ns: int
+    speed: float
     holds: str = ""
     motion: MotionStatus = MotionStatus()
     camera: CameraStatus = CameraStatus()

@@ -37,7 +37,7 @@ class Streams:
     def hear(self, stamp_ns: int, message: Message) -> None:
         """Publish a message if its topic is ours; pictures are compressed only when somebody watches."""
         if isinstance(message, Frame):
-            if IMAGE_TOPIC in self._publishers and self._publishers[IMAGE_TOPIC].matching_status:
+            if IMAGE_TOPIC in self._publishers and _watched(self._publishers[IMAGE_TOPIC]):
                 self.put(IMAGE_TOPIC, stamp_ns, serialise(encode_picture(message)))
             return
         topic, protobuf = encode(message)
@@ -76,6 +76,11 @@ class LogStream(logging.Handler):
             self._streams.put(LOG, unix_ns, serialise(log))
         except Exception:
             self.handleError(record)
+
+
+def _watched(publisher: zenoh.Publisher) -> bool:
+    """Whether anybody subscribes."""
+    return bool(publisher.matching_status.matching)  # type: ignore[attr-defined]  # the stub says bool
 
 
 def _publisher(session: zenoh.Session, keys: Keys, topic: str) -> zenoh.Publisher:
