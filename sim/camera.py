@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import threading
+
 import numpy as np
 
 from viewsep.errors import NotConnected, Timeout
@@ -12,7 +14,7 @@ from viewsep.sim.world import MEMORY_S, STEP_NS, World
 
 
 class SimCamera:
-    """`CameraSource` that exposes at a fixed rate and makes the picture when somebody reads the frame.
+    """`CameraSource` that exposes at a fixed rate and makes the picture when somebody reads the frame; any number may.
 
     Frames carry the moment of exposure and arrive `latency_s` later; dropped ones never do.
     """
@@ -22,6 +24,7 @@ class SimCamera:
         self._pictures = pictures
         self._period_ns = round(1e9 / rate_hz)
         self._seed = seed
+        self._rendering = threading.Lock()
         self._connected = False
         self._drops = 0
         self._first = self._last = 0
@@ -51,10 +54,11 @@ class SimCamera:
             raise Timeout(f"the simulated camera delivered no frame within {timeout_s:g} s")
         seen_ns = -(-stamp_ns // STEP_NS) * STEP_NS  # where the object was is known when the physics has got that far
         clock.sleep_until(max(arrival_ns, seen_ns))
-        self._count_drops(sequence)
-        image, mask = self._pictures.render(
-            self._world.geometry.camera_direction, self._world.object_rotation(stamp_ns)
-        )
+        with clock.lock:
+            self._count_drops(sequence)
+            rotation = self._world.object_rotation(stamp_ns)
+        with self._rendering:
+            image, mask = self._pictures.render(self._world.geometry.camera_direction, rotation)
         image, mask = disturbed(image, mask, d, self._rng(sequence, 4))
         return Frame(stamp_ns, sequence, image, mask)
 
@@ -66,7 +70,8 @@ class SimCamera:
     def close(self) -> None:
         """Leave the world and the pictures."""
         self._connected = False
-        self._pictures.close()
+        with self._rendering:
+            self._pictures.close()
 
     def _count_drops(self, sequence: int) -> None:
         if self._world.disturbances.drop_rate > 0:

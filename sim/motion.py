@@ -17,7 +17,10 @@ MOVING_RAD = np.radians(0.02)  # change from one reading to the next
 
 
 class SimMotion:
-    """`MotionBackend` on a simulated world. The encoders have steps; where they sit is the world's choice."""
+    """`MotionBackend` on a simulated world, for any number of threads.
+
+    The encoders have steps; where they sit is the world's choice.
+    """
 
     def __init__(self, world: World, seed: int = 0) -> None:
         self._world = world
@@ -47,22 +50,29 @@ class SimMotion:
                     f"[{np.degrees(limit.lower_rad):g}, {np.degrees(limit.upper_rad):g}] deg"
                 )
             commanded.append(_rounded(q, limit))
-        return self._world.drive(commanded)
+        with self._world.clock.lock:
+            self._world.clock.now_ns()  # what was commanded before acts until now
+            return self._world.drive(commanded)
 
     def read_state(self) -> JointState:
         """The newest encoder reading."""
         self._check()
-        return self._readings(self._world.clock.now_ns())[-1]
+        with self._world.clock.lock:
+            return self._readings(self._world.clock.now_ns())[-1]
 
     def history(self, since_ns: int) -> tuple[JointState, ...]:
         """Encoder readings from the last one at or before `since_ns` on."""
         self._check()
-        return self._readings(since_ns)
+        with self._world.clock.lock:
+            self._world.clock.now_ns()
+            return self._readings(since_ns)
 
     def stop(self) -> None:
         """Hold where the joints are."""
         self._check()
-        self._world.drive(self._world.moments[-1].motor_rad)
+        with self._world.clock.lock:
+            self._world.clock.now_ns()
+            self._world.drive(self._world.moments[-1].motor_rad)
 
     def fault(self) -> str:
         """The simulation has none."""

@@ -49,24 +49,28 @@ class PhotoPlate:
 
     def open(self) -> None:
         """The plate starts at the view closest to joint angles of zero."""
-        if self._open:
-            return
-        self._open = True
-        now = self.clock.now_ns()
-        home = self._rest_at([min(max(0.0, limit.lower_rad), limit.upper_rad) for limit in self.geometry.limits])
-        self._next_step_ns = (now // STEP_NS + 1) * STEP_NS
-        self.moments.append(Moment(now, home, home))
-        self.drive(home)
-        self.clock.on_advance = self._advance
+        with self.clock.lock:
+            if self._open:
+                return
+            self._open = True
+            now = self.clock.now_ns()
+            home = self._rest_at([min(max(0.0, limit.lower_rad), limit.upper_rad) for limit in self.geometry.limits])
+            self._next_step_ns = (now // STEP_NS + 1) * STEP_NS
+            self.moments.append(Moment(now, home, home))
+            self.drive(home)
+            self.clock.on_advance = self._advance
 
     def drive(self, setpoint_rad: Sequence[float]) -> tuple[float, ...]:
         """Start moving to the rest closest to the set-points, which is returned."""
-        self.setpoint_rad = self._rest_at(setpoint_rad)
-        return self.setpoint_rad
+        with self.clock.lock:
+            self.setpoint_rad = self._rest_at(setpoint_rad)
+            return self.setpoint_rad
 
     def object_rotation(self, stamp_ns: int) -> FloatArray:
         """(3, 3) object -> world at a moment in memory: what the camera sees."""
-        return self.geometry.holder_rotation(load_at(self.moments, stamp_ns).tolist()) @ self.grasp
+        with self.clock.lock:
+            load = load_at(self.moments, stamp_ns)
+        return self.geometry.holder_rotation(load.tolist()) @ self.grasp
 
     def grasp_at(self, _stamp_ns: int) -> FloatArray:
         """(3, 3) object -> control: photos do not slip."""
@@ -74,8 +78,9 @@ class PhotoPlate:
 
     def close(self) -> None:
         """Stop following the clock. Safe to call twice."""
-        self.clock.on_advance = lambda _from_ns, _to_ns: None
-        self._open = False
+        with self.clock.lock:
+            self.clock.on_advance = lambda _from_ns, _to_ns: None
+            self._open = False
 
     def _rest_at(self, position_rad: Sequence[float]) -> tuple[float, ...]:
         """The joint angles of the view closest to what the given ones (n,) show, free joints with whole turns."""

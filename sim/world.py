@@ -41,6 +41,7 @@ class Moment:
 class World(Protocol):
     """What SimMotion drives and SimCamera looks at: joints, the object they hold, and a memory of the last seconds.
 
+    Any number of threads may use it; whoever reads `moments` holds the clock's lock.
     `encoder_on_load` says whether the encoders see the load, or the motors.
     """
 
@@ -110,8 +111,11 @@ class SimWorld:
 
     def open(self) -> None:
         """Create the physics world; joints start at zero, or at the limit nearest to it."""
-        if self._client >= 0:
-            return
+        with self.clock.lock:
+            if self._client < 0:
+                self._begin()
+
+    def _begin(self) -> None:
         bullet = self._bullet
         self._client = bullet.connect(bullet.DIRECT)
         with tempfile.TemporaryDirectory() as folder:
@@ -132,23 +136,25 @@ class SimWorld:
 
     def drive(self, setpoint_rad: Sequence[float]) -> tuple[float, ...]:
         """Give every joint's position controller a set-point."""
-        self.setpoint_rad = tuple(float(q) for q in setpoint_rad)
-        for joint, (angle, limit) in enumerate(zip(self.setpoint_rad, self.geometry.limits, strict=True)):
-            self._bullet.setJointMotorControl2(
-                self._rig,
-                joint,
-                self._bullet.POSITION_CONTROL,
-                targetPosition=angle,
-                positionGain=POSITION_GAIN,
-                maxVelocity=limit.max_speed_rad_s,
-                force=EFFORT_NM,
-                physicsClientId=self._client,
-            )
-        return self.setpoint_rad
+        with self.clock.lock:
+            self.setpoint_rad = tuple(float(q) for q in setpoint_rad)
+            for joint, (angle, limit) in enumerate(zip(self.setpoint_rad, self.geometry.limits, strict=True)):
+                self._bullet.setJointMotorControl2(
+                    self._rig,
+                    joint,
+                    self._bullet.POSITION_CONTROL,
+                    targetPosition=angle,
+                    positionGain=POSITION_GAIN,
+                    maxVelocity=limit.max_speed_rad_s,
+                    force=EFFORT_NM,
+                    physicsClientId=self._client,
+                )
+            return self.setpoint_rad
 
     def load_at(self, stamp_ns: int) -> FloatArray:
         """True load angles (n,) at a moment in memory, interpolated."""
-        return load_at(self.moments, stamp_ns)
+        with self.clock.lock:
+            return load_at(self.moments, stamp_ns)
 
     def object_rotation(self, stamp_ns: int) -> FloatArray:
         """(3, 3) object -> world at a moment in memory: what the camera sees."""
@@ -163,10 +169,11 @@ class SimWorld:
 
     def close(self) -> None:
         """Leave pybullet. Safe to call twice."""
-        self.clock.on_advance = lambda _from_ns, _to_ns: None
-        if self._client >= 0:
-            self._bullet.disconnect(self._client)
-            self._client = -1
+        with self.clock.lock:
+            self.clock.on_advance = lambda _from_ns, _to_ns: None
+            if self._client >= 0:
+                self._bullet.disconnect(self._client)
+                self._client = -1
 
     def _advance(self, _from_ns: int, to_ns: int) -> None:
         bullet, client = self._bullet, self._client

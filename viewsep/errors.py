@@ -59,6 +59,14 @@ class UnreachableView(RigError):
     """A view direction was asked for that no joint angles within the limits show."""
 
 
+class LeaseLost(RigError):
+    """Whoever was allowed to move the rig no longer is: it was stopped by somebody, or another one has taken it."""
+
+
+class RigLost(RigError):
+    """The process that holds the rig has not answered for too long."""
+
+
 class Interrupted(ViewsepError):
     """Somebody stopped a long run (Ctrl-C, SIGTERM); says what is kept of it and how to go on."""
 

@@ -17,7 +17,7 @@ from viewsep.messages import FloatArray
 from viewsep.models.aspect_graph import AspectGraph
 from viewsep.session import Pace, Rig
 from viewsep.sim.camera import SimCamera
-from viewsep.sim.clock import SimClock
+from viewsep.sim.clock import PacedClock, SimClock
 from viewsep.sim.disturbances import Disturbances
 from viewsep.sim.motion import SimMotion
 from viewsep.sim.plate import PhotoPlate, Photos
@@ -57,26 +57,36 @@ class SimulatedRig:
 
 
 def rig_holding(
-    source: str, models: Sequence[AspectGraph], config: Config, seed: int, cache: RenderCache | None = None
+    source: str,
+    models: Sequence[AspectGraph],
+    config: Config,
+    seed: int,
+    cache: RenderCache | None = None,
+    *,
+    speed: float = 0.0,
 ) -> SimulatedRig:
     """The simulated rig that holds a mesh, a generated product, or an object of which there are photos.
 
-    Of a candidate's photos it shows those that its model was not learned from, if there are any. Raises BadInput.
+    Of a candidate's photos it shows those that its model was not learned from, if there are any. Its time passes at
+    `speed` times the wall's, or with 0 only when somebody waits. Raises BadInput.
     """
     if not is_view_set(Path(source)):
-        return simulated_rig(config, source, seed, cache)
+        return simulated_rig(config, source, seed, cache, speed=speed)
     view_set = read_view_set(Path(source))
     shown = held_out(view_set, models)
     if len(shown) > 0:
-        return photo_rig(config, view_set, shown, seed)
-    return photo_rig(config, view_set, range(len(view_set.images)), seed, PictureKind.LEARNED_PHOTOS)
+        return photo_rig(config, view_set, shown, seed, speed=speed)
+    every = range(len(view_set.images))
+    return photo_rig(config, view_set, every, seed, PictureKind.LEARNED_PHOTOS, speed=speed)
 
 
-def simulated_rig(config: Config, source: str, seed: int, cache: RenderCache | None = None) -> SimulatedRig:
+def simulated_rig(
+    config: Config, source: str, seed: int, cache: RenderCache | None = None, *, speed: float = 0.0
+) -> SimulatedRig:
     """The simulated rig holding a mesh in an unknown grasp drawn from the seed. Raises BadInput, BadMesh."""
     if config.rig.backend == "photos":
         raise BadConfig(f"rig.backend = 'photos', but {source} is not a folder with photos and views.csv: use 'sim'")
-    geometry, clock = geometry_of(config.rig), SimClock()
+    geometry, clock = geometry_of(config.rig), _clock(speed)
     disturbances = Disturbances(**config.sim.model_dump())
     renderer = open_renderer(source, CameraOptics(config.camera.size_px), cache)
     world = SimWorld(geometry, clock, seed, disturbances)
@@ -91,6 +101,8 @@ def photo_rig(
     shown: Sequence[int],
     seed: int,
     pictures: PictureKind = PictureKind.PHOTOS,
+    *,
+    speed: float = 0.0,
 ) -> SimulatedRig:
     """A simulated plate that shows the photos at `shown`, the object standing on it at an angle drawn from the seed.
 
@@ -109,7 +121,7 @@ def photo_rig(
     angles_deg = view_set.angles_deg[list(shown)] + [np.degrees(turn), 0.0]
     angles_deg[:, 0] %= 360.0
     config = config.model_copy(update={"rig": _rig_of(angles_deg, config.rig, str(view_set.folder))})
-    geometry, clock = geometry_of(config.rig), SimClock()
+    geometry, clock = geometry_of(config.rig), _clock(speed)
     joints_deg = np.stack([angles_deg[:, 1], -angles_deg[:, 0]], axis=1)[:, -len(geometry.limits) :]  # tilt, pan
     disturbances = Disturbances(**config.sim.model_dump())
     plate = PhotoPlate(geometry, clock, disturbances, np.radians(joints_deg), turn)
@@ -125,6 +137,10 @@ def held_out(view_set: ViewSet, models: Sequence[AspectGraph]) -> list[int]:
         if model.provenance.source_digest == view_set.digest:
             free &= nearest_points(model.directions, view_set.directions)[0] > SAME_VIEW_RAD
     return [int(index) for index in np.flatnonzero(free)]
+
+
+def _clock(speed: float) -> SimClock:
+    return PacedClock(speed) if speed > 0.0 else SimClock()
 
 
 def _rig_of(angles_deg: FloatArray, given: RigConfig, folder: str) -> RigConfig:
