@@ -98,12 +98,12 @@ def init_keys(folder: Path) -> None:
     if mode & 0o077:
         raise BadInput(f"others may look into the key folder {folder}: run `chmod 700 {folder}` first")
     key = ec.generate_private_key(ec.SECP256R1())
-    name = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, "viewsep CA")])
+    itself = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, "viewsep CA")])
     usage = dict.fromkeys(
         ("key_encipherment", "data_encipherment", "key_agreement", "content_commitment", "encipher_only"), False
     )
     certificate = (
-        _certificate(name, name, key.public_key(), CA_DAYS)
+        _certificate(itself, itself, key.public_key(), CA_DAYS)
         .add_extension(x509.BasicConstraints(ca=True, path_length=0), critical=True)
         .add_extension(
             x509.KeyUsage(digital_signature=True, key_cert_sign=True, crl_sign=True, decipher_only=False, **usage),
