@@ -3,18 +3,24 @@
 from __future__ import annotations
 
 import importlib.util
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
+import hypothesis
 import pytest
-from hypothesis import settings
 from shell import Shell
 
+from viewsep.config import Config
+from viewsep.learning import learn_objects, names_for
+from viewsep.models import library
 from viewsep.sim.products import ProductSpec, write_product
 
+LOOK_ALIKES = ("generated:7", "generated:7:twin=face")
 SHARED = Path(__file__).parents[2] / "shared"
 
-settings.register_profile("viewsep", deadline=None, derandomize=True, print_blob=True, database=None)
-settings.load_profile("viewsep")
+hypothesis.settings.register_profile("viewsep", deadline=None, derandomize=True, print_blob=True, database=None)
+hypothesis.settings.load_profile("viewsep")
 pytest.register_assert_rewrite("motion_contract", "camera_contract")
 
 
@@ -47,3 +53,20 @@ def product_mesh(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture
 def shell(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Shell:
     return Shell(monkeypatch, capsys)
+
+
+@pytest.fixture(scope="session")
+def look_alikes(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A library with two generated boxes that differ in one face."""
+    pytest.importorskip("pybullet", reason="needs pybullet, which has wheels for CPython 3.11 only")
+    folder = tmp_path_factory.mktemp("library")
+    for model in learn_objects(LOOK_ALIKES, names_for(LOOK_ALIKES, None), 60, Config()):
+        library.save(model, folder)
+    return folder
+
+
+@pytest.fixture
+def settings(look_alikes: Path, tmp_path: Path) -> Mapping[str, Any]:
+    """A simulated rig whose time runs twenty times as fast as ours."""
+    service = {"name": "bench", "library": str(look_alikes), "recordings": str(tmp_path / "recordings"), "speed": 20.0}
+    return {"service": service}

@@ -79,7 +79,7 @@ class Serving:
         assert not self._gone(), self.log
         return self
 
-    def signal(self, number: int) -> None:
+    def send(self, number: int) -> None:
         """Send a signal to the process."""
         assert self.process is not None
         os.kill(self.process.pid, number)
@@ -87,7 +87,7 @@ class Serving:
     def end(self, number: int = signal.SIGTERM, timeout_s: float = 30.0) -> int:
         """End the process and return its exit code; it is killed when it does not end in time."""
         assert self.process is not None
-        self.signal(number)
+        self.send(number)
         try:
             return self.process.wait(timeout_s)
         except subprocess.TimeoutExpired:
@@ -126,7 +126,7 @@ def serving(*services: Serving) -> Iterator[None]:
     finally:
         for service in reversed(services):
             if service.process is not None and service.process.poll() is None:
-                service.signal(signal.SIGCONT)
+                service.send(signal.SIGCONT)
                 service.end()
 
 

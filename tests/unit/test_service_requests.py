@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from viewsep.service.names import STREAMS, Keys, attachment, encoding, read_attachment
+from viewsep.service.names import PUBLISHED, Keys, attachment, encoding, read_attachment
 from viewsep.service.requests import (
     MAX_REQUEST_BYTES,
     REQUESTS,
@@ -31,6 +31,14 @@ FIELDS = sorted({field for kind in REQUESTS.values() for field in kind.model_fie
 
 def sent(**fields: object) -> bytes:
     return json.dumps({"owner": "me", **fields}).encode()
+
+
+def refusal_of(command: str, payload: bytes) -> Refused | None:
+    try:
+        parse_request(command, payload)
+    except Refused as error:
+        return error
+    return None
 
 
 def test_a_request_carries_what_was_sent() -> None:
@@ -81,19 +89,14 @@ def test_what_cannot_be_read_is_refused_with_a_sentence(command: str, payload: b
 
 @given(st.sampled_from(sorted(REQUESTS)), st.binary(max_size=200))
 def test_no_bytes_whatever_do_anything_but_parse_or_be_refused(command: str, payload: bytes) -> None:
-    try:
-        parse_request(command, payload)
-    except Refused as error:
-        assert json.loads(refused(command, error))["accepted"] is False
+    refusal = refusal_of(command, payload)
+    assert refusal is None or json.loads(refused(command, refusal))["accepted"] is False
 
 
 @given(st.sampled_from(sorted(REQUESTS)), st.dictionaries(st.sampled_from(FIELDS), JSON_VALUES))
 def test_no_json_whatever_does_anything_but_parse_or_be_refused(command: str, table: dict[str, object]) -> None:
-    try:
-        parse_request(command, json.dumps(table).encode())
-    except Refused as error:
-        assert error.code is Code.BAD_REQUEST
-        assert str(error).startswith(command)
+    refusal = refusal_of(command, json.dumps(table).encode())
+    assert refusal is None or (refusal.code is Code.BAD_REQUEST and str(refusal).startswith(command))
 
 
 def test_replies_are_json() -> None:
@@ -115,7 +118,7 @@ def test_keys_are_those_of_the_design() -> None:
     assert encoding("percept") == "application/protobuf;viewsep.Percept"
     assert encoding("camera/image") == "application/protobuf;foxglove.CompressedImage"
     assert encoding("log") == "application/protobuf;foxglove.Log"
-    assert set(STREAMS) >= {"camera/image", "motion/state", "percept", "estimate", "command", "result", "log"}
+    assert set(PUBLISHED) >= {"camera/image", "motion/state", "percept", "estimate", "command", "result", "log"}
 
 
 @given(st.integers(0, 2**64 - 1), st.integers(-(2**63), 2**63 - 1))

@@ -6,13 +6,12 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from viewsep.keys import KeyRole
-from viewsep.recordings.codec import IMAGE_TOPIC
-from viewsep.service.names import PREFIX, STREAMS, Keys
+from viewsep.service.names import PREFIX, PUBLISHED, Keys
 
 _ANY = Keys("*")
 _ASKED = (_ANY.status, _ANY.manifest)
 _COMMANDS = (_ANY.command("*"),)
-_STREAMS = tuple(_ANY.key(topic) for topic in (IMAGE_TOPIC, *STREAMS))
+_STREAMS = tuple(_ANY.key(topic) for topic in PUBLISHED)
 _ALIVE = (_ANY.alive("*"),)
 _LEASE = (_ANY.lease("*"),)
 _EVERYTHING = (

@@ -19,6 +19,7 @@ from viewsep.service.answering import Answer
 from viewsep.service.board import Board, candidate_status, result_status
 from viewsep.service.catalogue import Catalogue
 from viewsep.service.learner import Learner
+from viewsep.service.presence import check_present
 from viewsep.service.requests import (
     CancelRequest,
     Code,
@@ -30,7 +31,6 @@ from viewsep.service.requests import (
     accepted,
     parse_request,
 )
-from viewsep.service.presence import check_present
 from viewsep.service.rig_access import RigAccess
 from viewsep.service.status import EngineStatus, RecordingStatus, ResultStatus
 from viewsep.service.task import RunningTask, TaskOrder

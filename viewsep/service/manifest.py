@@ -10,7 +10,7 @@ from google.protobuf.message import Message as Protobuf
 from mcap_protobuf.schema import build_file_descriptor_set
 
 from viewsep.recordings.build import this_build
-from viewsep.service.names import JSON, MANIFEST_SCHEMA, STREAMS, Keys, Role, encoding
+from viewsep.service.names import JSON, MANIFEST_SCHEMA, PUBLISHED, Keys, Role, encoding
 from viewsep.service.requests import REQUESTS
 from viewsep.service.status import Status
 
@@ -31,10 +31,10 @@ def manifest(keys: Keys) -> bytes:
         },
         "streams": {
             keys.key(topic): {"encoding": encoding(topic), "file_descriptor_set": _schema(schema)}
-            for topic, schema in STREAMS.items()
+            for topic, schema in PUBLISHED.items()
         },
         "liveliness": [keys.alive(role) for role in Role],
-        "attachment": "sequence number on the key (uint64), source time in ns on the rig's clock (int64), little-endian",
+        "attachment": "little-endian: sequence number on the key (uint64), ns on the rig's clock (int64)",
     }
     return json.dumps(said).encode()
 

@@ -18,9 +18,10 @@ MANIFEST_SCHEMA = "viewsep.manifest/1"
 LOG = "log"
 RIG_STREAMS = ("motion/state", LOG)
 ENGINE_STREAMS = ("percept", "event", "command", "estimate", "result", LOG)
-STREAMS: Mapping[str, type[Protobuf]] = {
-    topic: Log if topic == LOG else SCHEMAS[topic]
-    for topic in dict.fromkeys((IMAGE_TOPIC, *RIG_STREAMS, *ENGINE_STREAMS))
+STREAMS = tuple(dict.fromkeys((*RIG_STREAMS, *ENGINE_STREAMS)))
+"""What is published besides pictures."""
+PUBLISHED: Mapping[str, type[Protobuf]] = {
+    topic: Log if topic == LOG else SCHEMAS[topic] for topic in (IMAGE_TOPIC, *STREAMS)
 }
 """Everything that is published, and the protobuf message of each."""
 JSON = "application/json"
@@ -78,7 +79,7 @@ class Keys:
 
 def encoding(topic: str) -> str:
     """The encoding of a stream: protobuf, with the schema's name."""
-    return f"application/protobuf;{STREAMS[topic].DESCRIPTOR.full_name}"
+    return f"application/protobuf;{PUBLISHED[topic].DESCRIPTOR.full_name}"
 
 
 def attachment(sequence: int, stamp_ns: int) -> bytes:

@@ -13,7 +13,6 @@ from viewsep.errors import BadInput, RigError
 from viewsep.geometry import spherical_direction
 from viewsep.interfaces import Listener
 from viewsep.service.answering import Answer
-from viewsep.service.served_rig import ServedRig
 from viewsep.service.presence import check_present
 from viewsep.service.requests import (
     ClearFaultRequest,
@@ -25,6 +24,7 @@ from viewsep.service.requests import (
     accepted,
     parse_request,
 )
+from viewsep.service.served_rig import ServedRig
 from viewsep.service.status import CameraStatus, JointStatus, MotionStatus, RigStatus
 from viewsep.session import SETTLED_RAD
 
@@ -89,22 +89,22 @@ class RigRole:
     def stop(self, request: StopRequest) -> None:
         """Stop at once and hold; whoever may move the rig loses the lease."""
         reason = f"stopped by {request.owner}" + (f": {request.reason}" if request.reason else "")
-        self._served.lease.revoke(reason)
-        self._served.motion.stop()
-        log.warning("%s", reason)
+        self._served.motion.halt(reason)
+        log.warning(reason)
 
     def clear_fault(self, payload: bytes) -> bytes:
         """Clear what can be cleared. Raises Refused with what remains."""
         request = parse_request("clear_fault", payload)
         assert isinstance(request, ClearFaultRequest)
         holder = f"clear_fault of {request.owner}"
-        self._served.lease.acquire(holder)
+        motion = self._served.motion
+        motion.acquire(holder)
         try:
-            self._served.motion.clear_fault()
+            motion.clear_fault()
         except RigError as error:
             raise Refused(Code.FAULT, str(error)) from error
         finally:
-            self._served.lease.release(holder)
+            motion.release(holder)
         return accepted("clear_fault")
 
     def owner_gone(self, token: str) -> None:
@@ -113,31 +113,27 @@ class RigRole:
             move = self._move
         if move is not None and token and move.token == token:
             log.warning("the owner of a move, %s, has gone: holding position", move.owner)
-            self._served.lease.revoke(f"{move.owner} has gone")
-            self._served.motion.stop()
+            self._served.motion.halt(f"{move.owner} has gone")
 
     def engine_gone(self) -> None:
         """The engine's process has gone: its task, if it had one, no longer moves the rig."""
-        holder = self._served.lease.holder
+        holder = self._served.motion.lease.holder
         with self._lock:
             own = self._move is not None and self._move.holder == holder
         if holder and not own:
             log.warning("the engine has gone during %s: holding position", holder)
-            self._served.lease.revoke("the engine has gone")
-            self._served.motion.stop()
+            self._served.motion.halt("the engine has gone")
 
     def status(self) -> RigStatus:
         """The rig's section of the status."""
         served = self._served
         motion, faults = self._motion_status()
+        health = served.camera.health()
         camera = CameraStatus(
-            connected=not served.camera.problem,
-            rate_hz=served.camera.rate_hz,
-            newest_age_s=served.camera.newest_age_s,
-            drops=served.camera.drops,
+            connected=health.connected, rate_hz=health.rate_hz, newest_age_s=health.newest_age_s, drops=health.drops
         )
-        if served.camera.problem:
-            faults = (*faults, served.camera.problem)
+        if health.problem:
+            faults = (*faults, health.problem)
         return RigStatus(
             simulated=served.simulated,
             clock_ns=served.clock.now_ns(),
@@ -153,7 +149,7 @@ class RigRole:
     def close(self) -> None:
         """Stop the motion and release everything: all is tried, then the first error is raised. Safe to call twice."""
         self._closing.set()
-        self._served.lease.revoke("the service is shutting down")
+        self._served.motion.lease.revoke("the service is shutting down")
         try:
             self._served.close()
         finally:
@@ -163,7 +159,7 @@ class RigRole:
             self._threads = []
 
     def _motion_status(self) -> tuple[MotionStatus, tuple[str, ...]]:
-        motion, holder = self._served.motion, self._served.lease.holder
+        motion, holder = self._served.motion, self._served.motion.lease.holder
         try:
             state, temperatures, fault = motion.read_state(), motion.temperatures_c(), motion.fault()
         except RigError as error:
@@ -201,12 +197,11 @@ class RigRole:
             raise Refused(Code.UNAVAILABLE, "the service is shutting down")
         check_present(token, self._present)
         holder = f"{command} of {owner}"
-        lease = self._served.lease
-        lease.acquire(holder)
+        self._served.acquire(holder)
         try:
             setpoint = self._served.motion.commanded_by(holder).move_to(goal)
         except RigError as error:
-            lease.release(holder)
+            self._served.motion.release(holder)
             raise Refused(Code.UNREACHABLE, str(error)) from error
         move = _Move(holder, owner, token, tuple(setpoint))
         with self._lock:
@@ -216,7 +211,7 @@ class RigRole:
 
     def _watch(self, move: _Move) -> None:
         """Hold the lease until the joints have settled, then give it back. Stops what does not settle in time."""
-        clock, lease = self._served.clock, self._served.lease
+        clock = self._served.clock
         motion = self._served.motion.commanded_by(move.holder)
         deadline_ns = clock.now_ns() + round(self._move_timeout_s * 1e9)
         try:
@@ -235,7 +230,7 @@ class RigRole:
         finally:
             with self._lock:
                 self._move = None
-            lease.release(move.holder)
+            self._served.motion.release(move.holder)
 
     def _publish_read_backs(self) -> None:
         """Pass every read-back on, once."""

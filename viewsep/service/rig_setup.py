@@ -27,7 +27,6 @@ def served_rig(config: Config) -> ServedRig:
         config=held.config,
         motion=SharedMotion(held.rig.motion, lease),
         camera=SharedCamera(held.rig.camera, held.rig.clock, stepped=stepped),
-        lease=lease,
         geometry=held.rig.geometry,
         clock=held.rig.clock,
         simulated=True,

@@ -100,7 +100,7 @@ class Service:
         session = serving_session(settings, settings.listen, settings.connect)
         stack.callback(session.close)
         connections = Connections(session, _log_connection)
-        stack.callback(connections.close)
+        stack.callback(connections.undeclare)
         owners = Presence(session, self.keys.lease("*"), self._owner_gone)
         roles = Presence(session, self.keys.alive("*"), self._role_gone)
         stack.callback(owners.close)
@@ -121,9 +121,9 @@ class Service:
         pictures = Streams(images, self.keys, (IMAGE_TOPIC,))
         stack.callback(pictures.close)
         streams = self._streams(session, Role.RIG, RIG_STREAMS)
-        served.camera.on_frame = lambda frame: pictures.hear(frame.stamp_ns, frame)
+        served.camera.on_frame(lambda frame: pictures.hear(frame.stamp_ns, frame))
         self._rig = RigRole(
-            served, streams, self._config.task.move_timeout_s, self.crash, owners.arrived, connections.names
+            served, streams, self._config.task.move_timeout_s, self.crash, owners.arrived, lambda: connections.names
         )
         stack.callback(self._rig.close)
         self._rig.connect()
@@ -152,7 +152,10 @@ class Service:
 
     def _answer(self, session: zenoh.Session) -> None:
         """Declare everything that can be asked for."""
-        answers = {self.keys.status: lambda _: self.status().to_json(), self.keys.manifest: lambda _: manifest(self.keys)}
+        answers = {
+            self.keys.status: lambda _: self.status().to_json(),
+            self.keys.manifest: lambda _: manifest(self.keys),
+        }
         for role in (self._rig, self._engine):
             if role is not None:
                 answers |= {self.keys.command(name): answer for name, answer in role.answers().items()}

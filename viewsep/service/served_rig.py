@@ -10,7 +10,6 @@ from viewsep.kinematics import RigGeometry
 from viewsep.perception import RigPerception
 from viewsep.rigs import PictureKind
 from viewsep.service.hardware import SharedCamera, SharedMotion
-from viewsep.service.lease import Lease
 from viewsep.service.requests import Code, Refused
 from viewsep.service.status import LinkStatus
 from viewsep.session import Rig
@@ -27,7 +26,6 @@ class ServedRig:
     config: Config
     motion: SharedMotion
     camera: SharedCamera
-    lease: Lease
     geometry: RigGeometry
     clock: Clock
     simulated: bool
@@ -59,8 +57,8 @@ class ServedRig:
         """Take the lease. Raises Refused when somebody else has it or the rig has a fault."""
         fault = self.motion.fault()
         if fault:
-            raise Refused(Code.FAULT, f"{fault}; then clear_fault")
-        self.lease.acquire(holder)
+            raise Refused(Code.FAULT, f"{fault} (the request clear_fault tries to clear it)")
+        self.motion.acquire(holder)
 
 
 class LocalAccess:
@@ -81,7 +79,7 @@ class LocalAccess:
 
     def release(self, holder: str) -> None:
         """Give the lease back."""
-        self._served.lease.release(holder)
+        self._served.motion.release(holder)
 
     def rig(self, holder: str) -> Rig:
         """The rig itself."""
