@@ -67,6 +67,6 @@ def look_alikes(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def settings(look_alikes: Path, tmp_path: Path) -> Mapping[str, Any]:
-    """A simulated rig whose time runs twenty times as fast as ours."""
-    service = {"name": "bench", "library": str(look_alikes), "recordings": str(tmp_path / "recordings"), "speed": 20.0}
-    return {"service": service}
+    """A simulated rig whose time runs ten times as fast as ours."""
+    service = {"name": "bench", "library": str(look_alikes), "recordings": str(tmp_path / "recordings"), "speed": 10.0}
+    return {"camera": {"rate_hz": 8.0}, "service": service}

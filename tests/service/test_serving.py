@@ -56,12 +56,12 @@ def test_start_and_watch_end_with_the_right_object_and_its_recording_replays(ser
         assert started.returncode == 0, started.stderr
         watched = command(service, "watch")
         assert watched.returncode == 0, watched.stdout + watched.stderr
-        assert "generated_7" in watched.stdout
+        assert "product_7" in watched.stdout
         with service.client() as client:
             said = client.status().engine
             assert said is not None
             assert said.result is not None
-    assert said.result.object == "generated_7"
+    assert said.result.object == "product_7"
     assert said.result.recording is not None
     content = read_recording(Path(service.folder) / said.result.recording)
     found = verify(content)
@@ -148,8 +148,8 @@ def test_models_are_learned_while_the_service_runs(settings: Mapping[str, Any], 
             client.start()
         assert refusal.value.code == "no_models"
         client.learn("generated:3", views=12)
-        until(lambda: engine(client).models, 60, "nothing was learned")
-        assert list(engine(client).models) == ["generated_3"]
+        until(lambda: engine(client).models and not engine(client).learning, 60, "nothing was learned")
+        assert list(engine(client).models) == ["product_3"]
         client.learn("nowhere/at/all")
         fault = until(lambda: engine(client).faults, 60, "no fault")
         assert "nowhere/at/all was not learned" in fault[0]

@@ -222,10 +222,11 @@ class EngineRole:
             self._recording = self._recording_now().model_copy(update={"open": False})
             if result is not None:
                 self._result = result_status(order.name, result, str(order.record) if order.record else None)
-                log.info("task %s ended: %s %s (%s)", order.name, result.outcome, result.object, result.reason)
+            else:
+                self._board.idle()
+                self._result = ResultStatus(task=order.name, outcome="failed", object=None, reason=str(error))
+            log.info("task %s: %s %s (%s)", order.name, self._result.outcome, self._result.object, self._result.reason)
             if error is not None:
-                if result is None:
-                    self._board.idle()
                 self._faults = (f"task {order.name}: {error}",)
                 log.error("task %s: %s", order.name, error)
             elif recorder is not None and recorder.lost:

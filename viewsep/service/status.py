@@ -76,16 +76,16 @@ class CandidateStatus(Said):
 
 
 class ResultStatus(Said):
-    """How the last task ended."""
+    """How the last task ended; the pose is null when it ended before it had begun."""
 
     task: str
     outcome: str
     object: str | None
     reason: str
     ratings: dict[str, float] = {}
-    pose_quaternion_xyzw: tuple[float, float, float, float]
-    looks: int
-    travel_deg: float
+    pose_quaternion_xyzw: tuple[float, float, float, float] | None = None
+    looks: int = 0
+    travel_deg: float = 0.0
     recording: str | None = None
 
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import logging
 import threading
-from collections.abc import Callable, Sequence
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from viewsep.assembly import make_engine
+from viewsep.assembly import check_descriptor, make_engine
 from viewsep.config import Config
 from viewsep.errors import ViewsepError
 from viewsep.interfaces import Listener
@@ -52,14 +52,16 @@ class RunningTask:
         self.order = order
         self.recorder: QueuedListener | None = None
         self._config = config
-        self._access = access
-        self._on_end = on_end
-        self._cancelled = ""
-        rig = access.rig(order.name)
-        descriptor = make_descriptor(config.descriptor)
-        engine, perception = make_engine(config, models), access.perception(order.name, descriptor)
-        self._session = Session(rig, engine, perception, pace_of(config), listeners)
         self._models = models
+        self._access = access
+        self._listeners = tuple(listeners)
+        self._on_end = on_end
+        self._lock = threading.Lock()
+        self._cancelled = ""
+        self._session: Session | None = None
+        descriptor = make_descriptor(config.descriptor)
+        check_descriptor(models, descriptor)
+        self._perception = access.perception(order.name, descriptor)
         self._thread = threading.Thread(target=self._run, name="viewsep task")
 
     def start(self) -> None:
@@ -68,7 +70,10 @@ class RunningTask:
 
     def cancel(self, reason: str) -> None:
         """Ask it to end; returns at once."""
-        self._session.cancel(reason)
+        with self._lock:
+            self._cancelled = reason
+            if self._session is not None:
+                self._session.cancel(reason)
 
     def join(self, timeout_s: float) -> bool:
         """Wait until it has ended; whether it has."""
@@ -81,25 +86,37 @@ class RunningTask:
         try:
             with ExitStack() as stack:
                 stack.callback(self._access.release, self.order.name)
+                listeners = self._listeners
                 if self.order.record is not None:
-                    stack.enter_context(self._recording(self.order.record))
-                result = self._session.run(self.order.seed)
+                    self.recorder = stack.enter_context(self._recording(self.order.record))
+                    listeners = (*listeners, self.recorder)
+                result = self._make_session(listeners).run(self.order.seed)
         except Exception as error:
             failed = error
             if not isinstance(error, ViewsepError):
                 log.error("task %s ended by a bug", self.order.name, exc_info=error)
         self._on_end(result, failed)
 
-    def _recording(self, path: Path) -> ExitStack:
-        """Record from now on, in a thread of its own; a recording that fails ends the task."""
+    def _make_session(self, listeners: Sequence[Listener]) -> Session:
+        """The session; making engine and plans takes a while, so it is done in the task's thread."""
+        engine = make_engine(self._config, self._models)
+        rig = self._access.rig(self.order.name)
+        with self._lock:
+            self._session = Session(rig, engine, self._perception, pace_of(self._config), listeners)
+            if self._cancelled:
+                self._session.cancel(self._cancelled)
+            return self._session
+
+    @contextmanager
+    def _recording(self, path: Path) -> Iterator[QueuedListener]:
+        """Record, in a thread of its own; a recording that fails ends the task."""
         order = self.order
-        recorder = task_recorder(path, self._config, self._models, order.seed, order.truth)
-        with ExitStack() as stack:
-            stack.enter_context(recorder)
-            self.recorder = QueuedListener(recorder, "viewsep recorder", self._recording_failed)
-            stack.callback(self.recorder.close)
-            self._session.listeners = (*self._session.listeners, self.recorder)
-            return stack.pop_all()
+        with task_recorder(path, self._config, self._models, order.seed, order.truth) as recorder:
+            queued = QueuedListener(recorder, "viewsep recorder", self._recording_failed)
+            try:
+                yield queued
+            finally:
+                queued.close()
 
     def _recording_failed(self, error: Exception) -> None:
         log.error("the recording has ended: %s", error)
