@@ -25,7 +25,7 @@ from viewsep.keys import CA, REGISTER, check_certificate, is_dns_name, read_regi
 from viewsep.service.access import access_control
 
 MAX_MESSAGE_BYTES = 8 * 2**20
-"""More than any picture: 1024 x 1024 x 3 bytes of noise are a JPEG of 3.0 MB at quality 98. A larger message is lost."""
+"""More than any picture: 1024 x 1024 pixels of noise are 3.3 MB as a JPEG of quality 98. Larger messages are lost."""
 LEASE_MS = 2000
 """A link that is silent for so long is dead; keep-alives are four times as frequent."""
 SECURE = ("tls", "quic")
@@ -160,7 +160,7 @@ class Connections:
 
     def undeclare(self) -> None:
         """Stop listening; before the session is closed."""
-        self._listener.undeclare()
+        self._listener.undeclare()  # type: ignore[no-untyped-call]
 
     def _hear(self, event: zenoh.LinkEvent) -> None:
         link = event.link
