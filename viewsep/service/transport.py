@@ -55,7 +55,8 @@ class Endpoint:
         try:
             address = ip_address(self.host)
         except ValueError:
-            return self.host == "localhost" and all(ip_address(found).is_loopback for found in _resolved(self.host))
+            found = _resolved(self.host)
+            return self.host == "localhost" and bool(found) and all(ip_address(each).is_loopback for each in found)
         return address.is_loopback and getattr(address, "ipv4_mapped", None) is None
 
 
