@@ -127,7 +127,7 @@ def issue(
     """
     check_name(name)
     if name.lower() == CA:
-        raise BadInput(f"--name {name!r} is the certificate authority's: choose another name")
+        raise BadInput(f"{name!r} is the certificate authority's: choose another name")
     if hosts and not role.serves:
         raise BadInput(
             f"--host {hosts[0]} goes with --role rig or engine, nobody connects to a {role.value}: leave it out"

@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from viewsep import __version__
-from viewsep.cli import bench, demo, learn, models, replay, report, separate, serve
+from viewsep.cli import bench, demo, keys, learn, models, replay, report, separate, serve
 
 app = typer.Typer(
     help="Tell look-alike objects apart by turning them in front of a camera.",
@@ -25,6 +25,7 @@ app.command("serve")(serve.serve)
 app.command("replay")(replay.replay)
 app.command("report")(report.report)
 app.add_typer(bench.app, name="bench")
+app.add_typer(keys.app, name="keys")
 
 
 def _print_version(wanted: bool) -> None:
