@@ -62,7 +62,7 @@ class SharedMotion:
                 self._motion.stop()
 
     def halt(self, reason: str) -> None:
-        """Take the lease away from whoever holds it, then stop. `reason` is a sentence for the holder. Raises RigError."""
+        """Take the lease away, then stop. `reason` is a sentence that the holder gets. Raises RigError."""
         self.lease.revoke(reason)
         self.stop()
 
