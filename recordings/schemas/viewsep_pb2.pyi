@@ -205,3 +205,37 @@ class Rating(_message.Message):
     name: str
     rating: float
     def __init__(self, name: _Optional[str] = ..., rating: _Optional[float] = ...) -> None: ...
+
+class Picture(_message.Message):
+    __slots__ = ("stamp_ns", "sequence", "jpeg", "mask_png", "width", "height", "left", "top", "drops")
+    STAMP_NS_FIELD_NUMBER: _ClassVar[int]
+    SEQUENCE_FIELD_NUMBER: _ClassVar[int]
+    JPEG_FIELD_NUMBER: _ClassVar[int]
+    MASK_PNG_FIELD_NUMBER: _ClassVar[int]
+    WIDTH_FIELD_NUMBER: _ClassVar[int]
+    HEIGHT_FIELD_NUMBER: _ClassVar[int]
+    LEFT_FIELD_NUMBER: _ClassVar[int]
+    TOP_FIELD_NUMBER: _ClassVar[int]
+    DROPS_FIELD_NUMBER: _ClassVar[int]
+    stamp_ns: int
+    sequence: int
+    jpeg: bytes
+    mask_png: bytes
+    width: int
+    height: int
+    left: int
+    top: int
+    drops: int
+    def __init__(self, stamp_ns: _Optional[int] = ..., sequence: _Optional[int] = ..., jpeg: _Optional[bytes] = ..., mask_png: _Optional[bytes] = ..., width: _Optional[int] = ..., height: _Optional[int] = ..., left: _Optional[int] = ..., top: _Optional[int] = ..., drops: _Optional[int] = ...) -> None: ...
+
+class Look(_message.Message):
+    __slots__ = ("stamp_ns", "problem", "percept", "picture")
+    STAMP_NS_FIELD_NUMBER: _ClassVar[int]
+    PROBLEM_FIELD_NUMBER: _ClassVar[int]
+    PERCEPT_FIELD_NUMBER: _ClassVar[int]
+    PICTURE_FIELD_NUMBER: _ClassVar[int]
+    stamp_ns: int
+    problem: str
+    percept: Percept
+    picture: Picture
+    def __init__(self, stamp_ns: _Optional[int] = ..., problem: _Optional[str] = ..., percept: _Optional[_Union[Percept, _Mapping]] = ..., picture: _Optional[_Union[Picture, _Mapping]] = ...) -> None: ...

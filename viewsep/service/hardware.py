@@ -62,7 +62,7 @@ class SharedMotion:
                 self._motion.stop()
 
     def halt(self, reason: str) -> None:
-        """Take the lease away from its holder, who is told the `reason` (a sentence), and stop. Raises RigError."""
+        """Take the lease away, then stop. `reason` is a sentence that the holder gets. Raises RigError."""
         self.lease.revoke(reason)
         self.stop()
 
