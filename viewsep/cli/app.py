@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from viewsep import __version__
-from viewsep.cli import bench, demo, learn, models, replay, report, separate
+from viewsep.cli import bench, demo, learn, models, replay, report, requests, rigs, separate, start, status, watch
 
 app = typer.Typer(
     help="Tell look-alike objects apart by turning them in front of a camera.",
@@ -23,6 +23,16 @@ app.command("models")(models.models)
 app.command("separate")(separate.separate)
 app.command("replay")(replay.replay)
 app.command("report")(report.report)
+app.command("rigs")(rigs.rigs)
+app.command("status")(status.status)
+app.command("start")(start.start)
+app.command("watch")(watch.watch)
+app.command("cancel")(requests.cancel)
+app.command("stop")(requests.stop)
+app.command("home")(requests.home)
+app.command("move")(requests.move)
+app.command("clear-fault")(requests.clear_fault)
+app.command("request")(requests.request)
 app.add_typer(bench.app, name="bench")
 
 
