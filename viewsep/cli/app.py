@@ -7,7 +7,22 @@ from typing import Annotated
 import typer
 
 from viewsep import __version__
-from viewsep.cli import bench, demo, keys, learn, models, replay, report, separate, serve
+from viewsep.cli import (
+    bench,
+    demo,
+    keys,
+    learn,
+    models,
+    replay,
+    report,
+    requests,
+    rigs,
+    separate,
+    serve,
+    start,
+    status,
+    watch,
+)
 
 app = typer.Typer(
     help="Tell look-alike objects apart by turning them in front of a camera.",
@@ -24,6 +39,16 @@ app.command("separate")(separate.separate)
 app.command("serve")(serve.serve)
 app.command("replay")(replay.replay)
 app.command("report")(report.report)
+app.command("rigs")(rigs.rigs)
+app.command("status")(status.status)
+app.command("start")(start.start)
+app.command("watch")(watch.watch)
+app.command("cancel")(requests.cancel)
+app.command("stop")(requests.stop)
+app.command("home")(requests.home)
+app.command("move")(requests.move)
+app.command("clear-fault")(requests.clear_fault)
+app.command("request")(requests.request)
 app.add_typer(bench.app, name="bench")
 app.add_typer(keys.app, name="keys")
 

@@ -25,6 +25,11 @@ def print_json(value: Any) -> None:
     typer.echo(json.dumps(_finite(value), indent=2))
 
 
+def print_json_line(value: Any) -> None:
+    """One JSON document on one line of stdout, at once; infinite numbers become null."""
+    print(json.dumps(_finite(value)), flush=True)  # noqa: T201
+
+
 def _finite(value: Any) -> Any:
     if isinstance(value, dict):
         return {key: _finite(inner) for key, inner in value.items()}

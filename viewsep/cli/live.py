@@ -14,9 +14,9 @@ from viewsep.messages import Estimate, Message, PerceptReceived
 
 
 class LiveTable:
-    """A `Listener` that redraws candidates, ratings, poses and phase; on terminals only."""
+    """A `Listener` that redraws candidates, ratings, poses and phase; on terminals only. `truth` is marked."""
 
-    def __init__(self, truth: str) -> None:
+    def __init__(self, truth: str = "") -> None:
         self._truth = truth
         self._view = ""
         self._live = Live(console=people, auto_refresh=False, transient=True)

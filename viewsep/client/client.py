@@ -6,7 +6,7 @@ import getpass
 import json
 import socket
 import uuid
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from types import TracebackType
 from typing import Any, Self
@@ -15,7 +15,7 @@ import zenoh
 
 from viewsep.client.discovery import CONNECT, CONNECT_IMAGES, check_rig_name, open_session, seen_rigs
 from viewsep.client.errors import NoAnswer, RequestRefused
-from viewsep.client.queries import Answer, ask, put_together, read_status
+from viewsep.client.queries import Answer, ask, put_together, read_status, said
 from viewsep.client.streams import Pictures, Received, Stream
 from viewsep.client.waiting import wait_for_result, wait_until_settled
 from viewsep.errors import BadInput, NotConnected
@@ -116,8 +116,9 @@ class Client:
         The task is stopped when this client closes or is gone, unless it was started with `detach`.
         """
         token = "" if detach else self._declare_token("")
+        fields = {"token": token, "candidates": list(candidates), "seed": seed}
         try:
-            task = str(self.request("start", token=token, candidates=list(candidates), seed=seed).get("task", ""))
+            task = said(self.request("start", fields), "task", str)
         except BaseException:
             self._release("")
             raise
@@ -154,7 +155,7 @@ class Client:
 
     def cancel(self, reason: str = "") -> None:
         """End the running task; only who started it may."""
-        self.request("cancel", reason=reason)
+        self.request("cancel", {"reason": reason})
 
     def stop(self, reason: str = "") -> Stopped:
         """Stop the motion where it is and end whatever runs, whoever started it.
@@ -204,15 +205,15 @@ class Client:
 
     def learn(self, source: str, name: str = "", views: int = 100) -> None:
         """Have the service learn a model into its library; `status().engine.learning` says how far it is."""
-        self.request("learn", source=source, name=name, views=views)
+        self.request("learn", {"source": source, "name": name, "views": views})
 
     def record(self, enabled: bool) -> None:
         """Record the tasks from the next one on, or not."""
-        self.request("record", enabled=enabled)
+        self.request("record", {"enabled": enabled})
 
-    def request(self, command: str, **fields: Any) -> dict[str, Any]:
+    def request(self, command: str, fields: Mapping[str, Any] | None = None) -> dict[str, Any]:
         """Any request by name; the reply. `owner` is this client's unless given."""
-        answers = self._ask(command, {"owner": self.owner, **fields}, everybody=False)
+        answers = self._ask(command, {"owner": self.owner, **(fields or {})}, everybody=False)
         refusals = [answer for answer in answers if isinstance(answer, RequestRefused)]
         if refusals:
             raise refusals[0]
@@ -237,11 +238,11 @@ class Client:
     def _move(self, command: str, goal: dict[str, Any], detach: bool) -> tuple[float, ...]:
         token = "" if detach else self._declare_token("")
         try:
-            reply = self.request(command, token=token, **goal)
+            reply = self.request(command, {"token": token, **goal})
         except BaseException:
             self._release("")
             raise
-        return tuple(float(angle) for angle in reply.get("setpoint_deg", ()))
+        return tuple(float(angle) for angle in said(reply, "setpoint_deg", list))
 
     def _tables(self, key: str) -> list[dict[str, Any]]:
         """What everybody answers to a question that nobody refuses."""

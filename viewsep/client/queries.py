@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable
-from typing import Any
+from typing import Any, TypeVar
 
 import zenoh
 from pydantic import ValidationError
@@ -14,6 +14,7 @@ from viewsep.service.names import JSON, STATUS_SCHEMA
 from viewsep.service.status import Status
 
 _SILENCE = b"Timeout"  # what zenoh itself puts in place of an answer that did not come
+Value = TypeVar("Value")
 Answer = dict[str, Any] | RequestRefused
 """A JSON object, or the refusal."""
 
@@ -74,6 +75,16 @@ def read_status(key: str, table: dict[str, Any]) -> Status:
         ) from error
 
 
+def said(reply: dict[str, Any], field: str, kind: type[Value]) -> Value:
+    """What an acceptance says in `field`. Raises BadReply where it is missing or of another type."""
+    value = reply.get(field)
+    if not isinstance(value, kind):
+        raise BadReply(
+            f"the reply to {reply.get('command')!r} has no {field!r}: {_shown(json.dumps(reply))}; update viewsep"
+        )
+    return value
+
+
 def put_together(tables: Iterable[dict[str, Any]]) -> dict[str, Any]:
     """One table from those of several processes: objects and lists are joined, of anything else the first counts."""
     whole: dict[str, Any] = {}
@@ -89,6 +100,6 @@ def put_together(tables: Iterable[dict[str, Any]]) -> dict[str, Any]:
     return whole
 
 
-def _shown(payload: bytes) -> str:
-    text = repr(payload.decode(errors="replace"))
+def _shown(payload: bytes | str) -> str:
+    text = repr(payload if isinstance(payload, str) else payload.decode(errors="replace"))
     return text if len(text) <= 80 else text[:77] + "..."
