@@ -15,7 +15,8 @@ from viewsep.service.hardware import SharedCamera, SharedMotion
 from viewsep.service.lease import Lease
 from viewsep.service.names import Keys
 from viewsep.service.remote import RemoteRig
-from viewsep.service.rig_server import RigServer, ServedRig
+from viewsep.service.rig_server import RigServer
+from viewsep.service.served_rig import ServedRig
 
 KEYS = Keys("test")
 
@@ -61,7 +62,7 @@ class Station:
             session, server = self._online
             self._online = None
             server.close()
-            session.close()  # type: ignore[no-untyped-call]
+            session.close()
 
 
 def served_simulation(simulated: SimulatedRig, *, speed: float = 0.0, lease_s: float = 2.0) -> ServedRig:
@@ -106,4 +107,4 @@ def remote_rig(here: Station, *, resume_s: float = 5.0) -> Iterator[RemoteRig]:
         with RemoteRig(session, KEYS, resume_s=resume_s) as remote:
             yield remote
     finally:
-        session.close()  # type: ignore[no-untyped-call]
+        session.close()

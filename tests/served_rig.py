@@ -1,4 +1,4 @@
-"""A served rig that remembers all that reaches it, keys for those who may and may not, and sessions that obey no rule."""
+"""A served rig that remembers all that reaches it, keys for those who may and may not, sessions that obey no rule."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def sign_again(folder: Path, name: str, days: float) -> None:
     """Have the CA sign the certificate of `name` once more, good until so many days from now."""
     ca_key = serialization.load_pem_private_key((folder / "ca.key").read_bytes(), None)
     old = x509.load_pem_x509_certificate((folder / f"{name}.pem").read_bytes())
-    builder = x509.CertificateBuilder(old.issuer, old.subject, old.public_key(), old.serial_number)  # type: ignore[arg-type]
+    builder = x509.CertificateBuilder(old.issuer, old.subject, old.public_key(), old.serial_number)
     now = datetime.now(UTC)
     builder = builder.not_valid_before(now - timedelta(days=2)).not_valid_after(now + timedelta(days=days))
     for extension in old.extensions:

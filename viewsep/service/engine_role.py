@@ -12,9 +12,11 @@ from pathlib import Path
 
 import numpy as np
 
+from viewsep.assembly import check_descriptor
 from viewsep.config import Config
 from viewsep.interfaces import Listener
 from viewsep.messages import Result
+from viewsep.plugins import make_descriptor
 from viewsep.service.answering import Answer
 from viewsep.service.board import Board, candidate_status, result_status
 from viewsep.service.catalogue import Catalogue
@@ -187,9 +189,16 @@ class EngineRole:
         config, held = self._access.setup(self._config)
         truth = next((model.name for model in models if held and model.provenance.source == held), "")
         order = TaskOrder(name, request.owner, request.token, request.seed, truth, self._recording_file(name))
-        self._access.acquire(name)
+        check_descriptor(models, make_descriptor(config.descriptor))
+        rig = self._access.lent_to(name)
+        perception = self._access.perception(rig, config.descriptor)
+        rig.motion.connect()
         try:
-            task = RunningTask(order, config, models, self._access, self._listeners, self._ended)
+            fault = rig.motion.fault()
+            if fault:
+                raise Refused(Code.FAULT, f"{fault} (the request clear_fault tries to clear it)")
+            rig.camera.connect()
+            task = RunningTask(order, config, models, rig, perception, self._listeners, self._ended)
             with self._lock:
                 self._check_open()
                 if self._stops != stops:
@@ -197,7 +206,7 @@ class EngineRole:
                 self._task, self._faults = task, ()
                 task.start()
         except BaseException:
-            self._access.release(name)
+            rig.motion.close()
             raise
         log.info("task %s started by %s: %s", name, request.owner, ", ".join(model.name for model in models))
         return task

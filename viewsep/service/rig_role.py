@@ -197,7 +197,7 @@ class RigRole:
             raise Refused(Code.UNAVAILABLE, "the service is shutting down")
         check_present(token, self._present)
         holder = f"{command} of {owner}"
-        self._served.acquire(holder)
+        self._served.motion.acquire(holder)
         try:
             setpoint = self._served.motion.commanded_by(holder).move_to(goal)
         except RigError as error:

@@ -8,17 +8,14 @@ import uuid
 from collections import OrderedDict
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 import zenoh
 
-from viewsep.config import Config
-from viewsep.errors import NotConnected
-from viewsep.interfaces import CameraSource, Clock, Look, MotionBackend
-from viewsep.kinematics import RigGeometry
-from viewsep.messages import Array, FloatArray, Frame
+from viewsep.interfaces import Look, MotionBackend
+from viewsep.messages import Array, FloatArray
 from viewsep.perception import RigPerception
 from viewsep.plugins import make_descriptor
 from viewsep.service.calls import (
@@ -34,37 +31,14 @@ from viewsep.service.calls import (
     error_reply,
     parse_call,
 )
-from viewsep.service.hardware import SharedCamera, SharedMotion
 from viewsep.service.looks import encode_look, encode_picture
 from viewsep.service.names import JSON, Keys
 from viewsep.service.requests import Code, Refused
+from viewsep.service.served_rig import ServedRig
 from viewsep.session import Rig
 
 WORKERS = 4  # calls that wait at the same time
 REMEMBERED = 16  # replies, for calls that are repeated because the reply was lost
-
-
-@dataclass(frozen=True, slots=True)
-class ServedRig:
-    """The hardware of a process that serves a rig, and what is to be known of it.
-
-    `speed` is that of the rig's time against the wall's: 1 for real rigs, 0 for a simulation that is stepped. `holds`
-    and `pictures` are what a simulated rig shows and where its pictures come from.
-    """
-
-    motion: SharedMotion
-    camera: SharedCamera
-    geometry: RigGeometry
-    clock: Clock
-    config: Config
-    speed: float = 1.0
-    simulated: bool = False
-    holds: str = ""
-    pictures: str = ""
-
-    def lent_to(self, holder: str) -> Rig:
-        """The rig for one session in this process: opening and closing it takes and returns the lease, no more."""
-        return Rig(self.motion.commanded_by(holder), _Lent(self.camera), self.geometry, self.clock)
 
 
 class RigServer:
@@ -93,7 +67,7 @@ class RigServer:
         """Answer what was asked, then no more. Safe to call twice; before the session is closed, from no callback."""
         queryable, self._queryable = self._queryable, None
         if queryable is not None:
-            queryable.undeclare()  # type: ignore[no-untyped-call]
+            queryable.undeclare()
         self._waiting.shutdown(wait=True, cancel_futures=True)
 
     def _receive(self, query: zenoh.Query) -> None:
@@ -253,29 +227,6 @@ class _PairingOnly:
 
     def similarity(self, feature: Array, features: Array) -> FloatArray:
         return np.zeros(len(features))
-
-
-class _Lent:
-    """A camera that is read by whoever opened it here, while the device is opened and closed by who serves it."""
-
-    def __init__(self, camera: CameraSource) -> None:
-        self._camera = camera
-        self._open = False
-
-    def connect(self) -> None:
-        self._open = True
-
-    def read(self, newer_than_ns: int, timeout_s: float) -> Frame:
-        if not self._open:
-            raise NotConnected("the camera is not connected: call connect() first")
-        return self._camera.read(newer_than_ns, timeout_s)
-
-    @property
-    def drops(self) -> int:
-        return self._camera.drops
-
-    def close(self) -> None:
-        self._open = False
 
 
 def _json(**said: Any) -> bytes:

@@ -30,7 +30,7 @@ def served_rig(config: Config) -> ServedRig:
         geometry=held.rig.geometry,
         clock=held.rig.clock,
         simulated=True,
-        pictures=held.pictures,
+        pictures=held.pictures.value,
         holds=absolute_source(settings.holds),
         speed=settings.speed,
     )

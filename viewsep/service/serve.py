@@ -20,12 +20,12 @@ from viewsep.service.engine_role import EngineRole
 from viewsep.service.manifest import manifest
 from viewsep.service.names import ENGINE_STREAMS, RIG_STREAMS, Keys, Role
 from viewsep.service.presence import Presence
-from viewsep.service.remote_access import RemoteAccess
+from viewsep.service.remote import RemoteRig
 from viewsep.service.requests import Refused, StopRequest, accepted, parse_request
-from viewsep.service.rig_access import RigAccess
+from viewsep.service.rig_access import LocalAccess, RemoteAccess, RigAccess
 from viewsep.service.rig_role import RigRole
 from viewsep.service.rig_server import RigServer
-from viewsep.service.served_rig import LocalAccess, ServedRig
+from viewsep.service.served_rig import ServedRig
 from viewsep.service.status import Status
 from viewsep.service.streams import LogStream, Streams
 from viewsep.service.transport import Connections, serving_session
@@ -129,14 +129,16 @@ class Service:
         self._rig.connect()
         server = RigServer(session, self.keys, served)
         stack.callback(server.close)
+        server.open()
 
     def _begin_engine(self, session: zenoh.Session, owners: Presence) -> None:
         access: RigAccess
         if self._served is not None:
             access = LocalAccess(self._served)
         else:
-            access = RemoteAccess(session, self.keys, self._config.service)
-            self._open.callback(access.close)
+            remote = RemoteRig(session, self.keys, resume_s=self._config.service.resume_s)
+            access = RemoteAccess(remote, self._config.service.send, self._present)
+        self._open.callback(access.close)
         streams = QueuedListener(self._streams(session, Role.ENGINE, ENGINE_STREAMS), "viewsep streams", self.crash)
         self._open.callback(streams.close)
         self._engine = EngineRole(self._config, access, streams, owners.arrived, self._config_file)

@@ -5,33 +5,31 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from viewsep.config import Config
-from viewsep.interfaces import Clock, Descriptor, Perception
+from viewsep.errors import NotConnected
+from viewsep.interfaces import CameraSource, Clock
 from viewsep.kinematics import RigGeometry
-from viewsep.perception import RigPerception
-from viewsep.rigs import PictureKind
+from viewsep.messages import Frame
 from viewsep.service.hardware import SharedCamera, SharedMotion
-from viewsep.service.requests import Code, Refused
-from viewsep.service.status import LinkStatus
 from viewsep.session import Rig
 
 
 @dataclass(frozen=True, slots=True)
 class ServedRig:
-    """Motion and camera that many callers share, and who may move them now.
+    """The hardware of a process that serves a rig, and what is to be known of it.
 
-    `config` is that of this rig; `holds` the source of what a simulated rig holds, empty on a real one; `speed` how
-    many seconds pass on its clock in one, 0 where time passes only while somebody waits for it.
+    `speed` is that of the rig's time against the wall's: 1 for real rigs, 0 for a simulation that is stepped. `holds`
+    and `pictures` are what a simulated rig shows and where its pictures come from.
     """
 
-    config: Config
     motion: SharedMotion
     camera: SharedCamera
     geometry: RigGeometry
     clock: Clock
-    simulated: bool
-    pictures: PictureKind | None
-    holds: str
-    speed: float
+    config: Config
+    speed: float = 1.0
+    simulated: bool = False
+    holds: str = ""
+    pictures: str = ""
 
     def connect(self) -> None:
         """Open motion and camera. Raises RigError."""
@@ -49,46 +47,29 @@ class ServedRig:
         if errors:
             raise errors[0]
 
-    def rig(self, holder: str) -> Rig:
-        """The rig for whoever holds the lease as `holder`."""
-        return Rig(self.motion.commanded_by(holder), self.camera, self.geometry, self.clock)
-
-    def acquire(self, holder: str) -> None:
-        """Take the lease. Raises Refused when somebody else has it or the rig has a fault."""
-        fault = self.motion.fault()
-        if fault:
-            raise Refused(Code.FAULT, f"{fault} (the request clear_fault tries to clear it)")
-        self.motion.acquire(holder)
+    def lent_to(self, holder: str) -> Rig:
+        """The rig for one session in this process: opening and closing it takes and returns the lease, no more."""
+        return Rig(self.motion.commanded_by(holder), _Lent(self.camera), self.geometry, self.clock)
 
 
-class LocalAccess:
-    """`RigAccess` in the same process."""
+class _Lent:
+    """A camera that is read by whoever opened it here, while the device is opened and closed by who serves it."""
 
-    def __init__(self, served: ServedRig) -> None:
-        self._served = served
+    def __init__(self, camera: CameraSource) -> None:
+        self._camera = camera
+        self._open = False
 
-    def setup(self, config: Config) -> tuple[Config, str]:
-        """The configuration with this rig's own sections, and what it holds."""
-        own = self._served.config
-        sections = {"rig": own.rig, "camera": own.camera, "sim": own.sim}
-        return config.model_copy(update=sections), self._served.holds
+    def connect(self) -> None:
+        self._open = True
 
-    def acquire(self, holder: str) -> None:
-        """Take the lease. Raises Refused."""
-        self._served.acquire(holder)
+    def read(self, newer_than_ns: int, timeout_s: float) -> Frame:
+        if not self._open:
+            raise NotConnected("the camera is not connected: call connect() first")
+        return self._camera.read(newer_than_ns, timeout_s)
 
-    def release(self, holder: str) -> None:
-        """Give the lease back."""
-        self._served.motion.release(holder)
+    @property
+    def drops(self) -> int:
+        return self._camera.drops
 
-    def rig(self, holder: str) -> Rig:
-        """The rig itself."""
-        return self._served.rig(holder)
-
-    def perception(self, holder: str, descriptor: Descriptor) -> Perception:
-        """Frames paired with read-backs in this process."""
-        return RigPerception(self._served.rig(holder), descriptor)
-
-    def link(self) -> LinkStatus:
-        """There is nothing between engine and rig."""
-        return LinkStatus(up=True, local=True, clock_offset_s=0.0, round_trip_s=0.0)
+    def close(self) -> None:
+        self._open = False

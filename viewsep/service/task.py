@@ -9,18 +9,16 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from viewsep.assembly import check_descriptor, make_engine
+from viewsep.assembly import make_engine
 from viewsep.config import Config
 from viewsep.errors import ViewsepError
-from viewsep.interfaces import Listener
+from viewsep.interfaces import Listener, Perception
 from viewsep.messages import Result
 from viewsep.models.aspect_graph import AspectGraph
-from viewsep.plugins import make_descriptor
 from viewsep.recording import task_recorder
 from viewsep.recordings.queue import QueuedListener
 from viewsep.rigs import pace_of
-from viewsep.service.rig_access import RigAccess
-from viewsep.session import Session
+from viewsep.session import Rig, Session
 
 log = logging.getLogger("viewsep.service")
 
@@ -38,14 +36,18 @@ class TaskOrder:
 
 
 class RunningTask:
-    """A task under way. `on_end(result, error)` is called from its thread when everything is closed: one is None."""
+    """A task under way, on a rig whose lease it holds and gives back at the end.
+
+    `on_end(result, error)` is called from its thread when everything of it is closed; either may be None.
+    """
 
     def __init__(
         self,
         order: TaskOrder,
         config: Config,
         models: Sequence[AspectGraph],
-        access: RigAccess,
+        rig: Rig,
+        perception: Perception,
         listeners: Sequence[Listener],
         on_end: Callable[[Result | None, Exception | None], None],
     ) -> None:
@@ -53,19 +55,17 @@ class RunningTask:
         self.recorder: QueuedListener | None = None
         self._config = config
         self._models = models
-        self._access = access
+        self._rig = rig
+        self._perception = perception
         self._listeners = tuple(listeners)
         self._on_end = on_end
         self._lock = threading.Lock()
         self._cancelled = ""
         self._session: Session | None = None
-        descriptor = make_descriptor(config.descriptor)
-        check_descriptor(models, descriptor)
-        self._perception = access.perception(order.name, descriptor)
         self._thread = threading.Thread(target=self._run, name="viewsep task")
 
     def start(self) -> None:
-        """Begin; the lease is held already."""
+        """Begin."""
         self._thread.start()
 
     def cancel(self, reason: str) -> None:
@@ -85,7 +85,8 @@ class RunningTask:
         failed: Exception | None = None
         try:
             with ExitStack() as stack:
-                stack.callback(self._access.release, self.order.name)
+                stack.callback(self._rig.camera.close)
+                stack.callback(self._rig.motion.close)
                 listeners = self._listeners
                 if self.order.record is not None:
                     self.recorder = stack.enter_context(self._recording(self.order.record))
@@ -100,9 +101,8 @@ class RunningTask:
     def _make_session(self, listeners: Sequence[Listener]) -> Session:
         """The session; making engine and plans takes a while, so it is done in the task's thread."""
         engine = make_engine(self._config, self._models)
-        rig = self._access.rig(self.order.name)
         with self._lock:
-            self._session = Session(rig, engine, self._perception, pace_of(self._config), listeners)
+            self._session = Session(self._rig, engine, self._perception, pace_of(self._config), listeners)
             if self._cancelled:
                 self._session.cancel(self._cancelled)
             return self._session

@@ -161,7 +161,7 @@ class Connections:
 
     def undeclare(self) -> None:
         """Stop listening; before the session is closed."""
-        self._listener.undeclare()  # type: ignore[no-untyped-call]
+        self._listener.undeclare()
 
     def _hear(self, event: zenoh.LinkEvent) -> None:
         link = event.link
