@@ -1,4 +1,4 @@
-"""A served rig that remembers all that reaches it, keys for those who may and may not, and sessions that obey no rule."""
+"""A served rig that remembers what reaches it, keys for those who may and may not, and sessions that obey no rule."""
 
 from __future__ import annotations
 
