@@ -38,6 +38,12 @@ def until(condition: Callable[[], object], what: str) -> None:
         time.sleep(0.005)
 
 
+def end(*things: Any) -> None:
+    """Undeclare or close each, in order. Zenoh does not type these methods."""
+    for thing in things:
+        thing.close() if isinstance(thing, zenoh.Session) else thing.undeclare()
+
+
 def make_keys(folder: Path) -> Path:
     """Keys of rig, engine, op, view; of `gone`, who was revoked; of `late`, which expired yesterday."""
     init_keys(folder)
@@ -59,7 +65,7 @@ def sign_again(folder: Path, name: str, days: float) -> None:
     """Have the CA sign the certificate of `name` once more, good until so many days from now."""
     ca_key = serialization.load_pem_private_key((folder / "ca.key").read_bytes(), None)
     old = x509.load_pem_x509_certificate((folder / f"{name}.pem").read_bytes())
-    builder = x509.CertificateBuilder(old.issuer, old.subject, old.public_key(), old.serial_number)  # type: ignore[arg-type]
+    builder = x509.CertificateBuilder(old.issuer, old.subject, old.public_key(), old.serial_number)
     now = datetime.now(UTC)
     builder = builder.not_valid_before(now - timedelta(days=2)).not_valid_after(now + timedelta(days=days))
     for extension in old.extensions:
@@ -137,15 +143,12 @@ class ServedRig:
 
     def after(self, session: zenoh.Session, name: str) -> list[tuple[str, str, int]]:
         """Close the session of `name`, and all that had reached the rig by the time its link was gone."""
-        session.close()
+        end(session)
         until(lambda: name not in self.connections.names, f"{name} goes")
         return list(self.saw)
 
     def close(self) -> None:
-        for declared in self._declared:
-            declared.undeclare()
-        self.connections.undeclare()
-        self.session.close()
+        end(*self._declared, self.connections, self.session)
 
 
 def answers(session: zenoh.Session, key: str, payload: bytes | None = None, timeout: float = 2.0) -> list[str]:
