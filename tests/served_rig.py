@@ -1,4 +1,4 @@
-"""A served rig that remembers all that reaches it, keys for those who may and may not, sessions that obey no rule."""
+"""A served rig that remembers what reaches it, keys for those who may and may not, and sessions that obey no rule."""
 
 from __future__ import annotations
 
@@ -36,6 +36,12 @@ def until(condition: Callable[[], object], what: str) -> None:
     while not condition():
         assert time.monotonic() < deadline, f"never: {what}"
         time.sleep(0.005)
+
+
+def end(*things: Any) -> None:
+    """Undeclare or close each, in order. Zenoh does not type these methods."""
+    for thing in things:
+        thing.close() if isinstance(thing, zenoh.Session) else thing.undeclare()
 
 
 def make_keys(folder: Path) -> Path:
@@ -137,15 +143,12 @@ class ServedRig:
 
     def after(self, session: zenoh.Session, name: str) -> list[tuple[str, str, int]]:
         """Close the session of `name`, and all that had reached the rig by the time its link was gone."""
-        session.close()
+        end(session)
         until(lambda: name not in self.connections.names, f"{name} goes")
         return list(self.saw)
 
     def close(self) -> None:
-        for declared in self._declared:
-            declared.undeclare()
-        self.connections.undeclare()
-        self.session.close()
+        end(*self._declared, self.connections, self.session)
 
 
 def answers(session: zenoh.Session, key: str, payload: bytes | None = None, timeout: float = 2.0) -> list[str]:

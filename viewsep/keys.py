@@ -147,7 +147,7 @@ def issue(
                     f"{name!r} is in {folder / REGISTER}: issue it anew with --renew, or choose another name"
                 )
         last = authority.not_valid_after_utc
-        if days < 1 or datetime.now(UTC) + timedelta(days=days) > last:
+        if not 1 <= days <= CA_DAYS or datetime.now(UTC) + timedelta(days=days) > last:
             raise BadInput(f"--days {days}: use 1 or more, and not beyond {last:%Y-%m-%d}, when {CA}.pem expires")
         key = ec.generate_private_key(ec.SECP256R1())
         subject = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, name)])

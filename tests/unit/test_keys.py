@@ -45,6 +45,12 @@ def keys(made: Path, tmp_path: Path) -> Path:
     return Path(shutil.copytree(made, tmp_path / "keys"))
 
 
+@pytest.fixture(scope="module")
+def shelf(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """For registers alone."""
+    return tmp_path_factory.mktemp("shelf")
+
+
 @pytest.fixture
 def careless() -> Iterator[None]:
     """A umask that keeps nothing from anybody."""
@@ -94,11 +100,11 @@ def test_whoever_is_interrupted_issues_anew(tmp_path: Path, monkeypatch: pytest.
 
     with monkeypatch.context() as patch:
         patch.setattr(os, "fsync", full)
-        with pytest.raises(BadInput, match="cannot write .*ann.key: No space left on device"):
+        with pytest.raises(BadInput, match=r"cannot write .*ann\.key: No space left on device"):
             issue(folder, "ann", KeyRole.VIEWER)
     assert set(contents(folder)) == {"ca.pem", "ca.key", "register.json"}
     (folder / "ann.key").write_text("left over")
-    with pytest.raises(BadInput, match="ann.key exists: issue 'ann' anew with --renew"):
+    with pytest.raises(BadInput, match=r"ann\.key exists: issue 'ann' anew with --renew"):
         issue(folder, "ann", KeyRole.VIEWER)
     (folder / "ann.key").chmod(0o600)
     issue(folder, "ann", KeyRole.VIEWER, renew=True)
@@ -200,7 +206,7 @@ def test_a_folder_for_keys_is_nobody_elses(tmp_path: Path) -> None:
         init_keys(tmp_path)
     assert contents(tmp_path) == {}
     (tmp_path / "file").touch()
-    with pytest.raises(BadInput, match="cannot make the key folder .*file"):
+    with pytest.raises(BadInput, match=r"cannot make the key folder .*file"):
         init_keys(tmp_path / "file")
 
 
@@ -265,13 +271,10 @@ def test_a_damaged_register_gives_nobody_anything(tmp_path: Path, text: str, wor
 
 
 @given(held=st.dictionaries(names, st.sampled_from(KeyRole), max_size=8), more=st.lists(names, max_size=4))
-def test_a_register_is_read_as_it_was_written(
-    tmp_path_factory: pytest.TempPathFactory, held: dict[str, KeyRole], more: list[str]
-) -> None:
-    folder = tmp_path_factory.mktemp("register")
+def test_a_register_is_read_as_it_was_written(shelf: Path, held: dict[str, KeyRole], more: list[str]) -> None:
     register = Register(names=held, revoked=tuple(name for name in more if name not in held))
-    (folder / "register.json").write_bytes(register.to_json())
-    assert read_register(folder) == register
+    (shelf / "register.json").write_bytes(register.to_json())
+    assert read_register(shelf) == register
     assert json.loads(register.to_json())["schema"] == "viewsep.keys/1"
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 import zenoh
-from served_rig import ServedRig, answers, free_port, make_keys, rogue, sign_again, until
+from served_rig import ServedRig, answers, end, free_port, make_keys, rogue, sign_again, until
 
 from viewsep.config import ServiceConfig
 from viewsep.errors import BadConfig, BadInput
@@ -155,8 +155,7 @@ def test_everybody_in_the_register_sees_streams_and_roles(rig: ServedRig, keys: 
         assert [str(reply.ok.key_expr) for reply in session.liveliness().get(key) if reply.ok] == [
             "viewsep/x/alive/rig"
         ]
-    for subscriber in subscribers:
-        subscriber.undeclare()
+    end(*subscribers)
     rig.after(session, name)
 
 
@@ -169,8 +168,7 @@ def test_an_engine_and_its_clients_work_through_the_rig(rig: ServedRig, keys: Pa
     assert answers(engine, "viewsep/x/rig/move") == ["the rig"]
     session = client_session([rig.endpoint], keys, "view", 3.0)
     assert answers(session, "viewsep/*/status") == ["the engine", "the rig"]
-    for one in (queryable, session, engine):
-        one.undeclare() if isinstance(one, zenoh.Queryable) else one.close()
+    end(queryable, session, engine)
     until(lambda: not rig.connections.names, "all are gone")
     assert rig.links == [("engine", True), ("view", True), ("view", False), ("engine", False)]
 
@@ -202,7 +200,7 @@ def test_a_link_ends_when_its_certificate_does(rig: ServedRig, keys: Path, tmp_p
     session = rogue(rig.endpoint, copy / "ca.pem", copy / "op.pem")
     until(lambda: rig.links == [("op", True)], "op is let in")
     until(lambda: rig.links == [("op", True), ("op", False)], "the link ends")
-    session.close()
+    end(session)
 
 
 @pytest.mark.parametrize("poser", ["op", "view"])
@@ -214,8 +212,7 @@ def test_a_client_certificate_cannot_pose_as_a_rig(keys: Path, poser: str) -> No
     with pytest.raises(NoAnswer, match=f"no answer from {endpoint}: not running, or not allowed"):
         client_session([endpoint], keys, "op", 0.5)
     assert links == []
-    connections.undeclare()
-    listener.close()
+    end(connections, listener)
 
 
 def test_a_message_that_is_too_large_is_lost_and_the_link_stays() -> None:
@@ -226,7 +223,7 @@ def test_a_message_that_is_too_large_is_lost_and_the_link_stays() -> None:
         answers(session, "viewsep/x/cmd/learn", b"x" * size, timeout=0.5 if size >= MAX_MESSAGE_BYTES else 5.0)
     assert rig.saw == [("query", "viewsep/x/cmd/learn", largest), ("query", "viewsep/x/cmd/learn", 5)]
     assert [came for _, came in rig.links] == [True]
-    session.close()
+    end(session)
     rig.close()
 
 
@@ -238,10 +235,9 @@ def test_serving_sessions_wait_for_each_other() -> None:
     for expected in ([True], [True, False, True]):
         late = serving_session(ServiceConfig(), [there], ())
         until(lambda expected=expected: links == expected, "they find each other")  # type: ignore[misc]
-        late.close()
+        end(late)
         until(lambda: links[-1] is False, "it is gone")
-    connections.undeclare()
-    early.close()
+    end(connections, early)
 
 
 def test_a_port_in_use_ends_in_one_sentence(keys: Path) -> None:
@@ -251,7 +247,7 @@ def test_a_port_in_use_ends_in_one_sentence(keys: Path) -> None:
         serving_session(ServiceConfig(), [f"tcp/127.0.0.1:{free_port()}", f"tcp/127.0.0.1:{port}"], ())
     with pytest.raises(BadInput, match=rf"cannot listen on tls/127\.0\.0\.1:{port}: Address already in use; end what"):
         serving_session(ServiceConfig(keys=str(keys)), [f"tls/127.0.0.1:{port}"], ())
-    first.close()
+    end(first)
 
 
 def test_nobody_there_ends_in_one_sentence() -> None:

@@ -151,7 +151,7 @@ class Connections:
         self._changed = changed
         self._links: dict[tuple[str, str, str], str] = {}
         self._lock = Lock()
-        self._listener = session.info.declare_link_events_listener(self._hear, history=True)
+        self._listener: Any = session.info.declare_link_events_listener(self._hear, history=True)
 
     @property
     def names(self) -> tuple[str, ...]:
