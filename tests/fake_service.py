@@ -87,7 +87,7 @@ def result(task: str, outcome: str = "identified", found: str | None = "tea") ->
 class FakeService:
     """A peer on a free port of 127.0.0.1 that serves `roles` of `rig`.
 
-    `status` is what it says of itself; `handlers` answers queries by the end of their keys (`status`, `cmd/start`, ...);
+    `status` is what it says of itself; `handlers` answers queries by the end of their keys (`status`, `cmd/start`...);
     `requests` are those that came, `tokens` the lease tokens that are seen now.
     """
 
@@ -125,6 +125,7 @@ class FakeService:
         self.held: list[zenoh.Query] = []
         self.port = free_port()
         self._sequences: dict[str, int] = {}
+        self._clock_ns = 1000
         self._session = _peer(self.port, connect)
         self._alive = [self._session.liveliness().declare_token(f"viewsep/{rig}/alive/{role}") for role in roles]
         self._lease = self._session.liveliness().declare_subscriber(
@@ -153,7 +154,8 @@ class FakeService:
         """Publish bytes on a stream with the next sequence number, or a later one."""
         sequence = self._sequences.get(topic, 0) + skip
         self._sequences[topic] = sequence + 1
-        given = struct.pack("<Qq", sequence, 1000 + sequence) if attachment is None else attachment
+        self._clock_ns += 1
+        given = struct.pack("<Qq", sequence, self._clock_ns) if attachment is None else attachment
         self._session.put(f"viewsep/{self.rig}/{topic}", payload, attachment=given)
 
     def watched(self, topic: str) -> bool:
