@@ -172,8 +172,11 @@ class FakeService:
     def close(self) -> None:
         if not self._session.is_closed():
             self.held.clear()
-            for declared in (*self._queryables, self._lease, *self._alive):
-                declared.undeclare()
+            for queryable in self._queryables:
+                queryable.undeclare()
+            self._lease.undeclare()
+            for token in self._alive:
+                token.undeclare()
             self._session.close()
 
     def _start(self, query: zenoh.Query, request: Table) -> None:

@@ -55,9 +55,7 @@ def test_status_as_json_is_what_the_service_says(service: FakeService, shell: Sh
     assert ended.json == {**service.status, "alive": ["engine", "rig"]}
 
 
-def test_status_of_one_role_says_that_the_other_is_silent(
-    shell: Shell,
-) -> None:
+def test_status_of_one_role_says_that_the_other_is_silent(shell: Shell) -> None:
     with fake_service(roles=("rig",)) as alone:
         ended = shell("status", "--connect", alone.endpoint)
     assert ended.code == 0
@@ -233,7 +231,7 @@ def test_stop_names_who_is_silent(shell: Shell) -> None:
         ended = shell("stop", "--connect", alone.endpoint)
         assert (ended.code, ended.out) == (0, "stopped: rig; no answer from: engine\n")
         alone.handlers["cmd/stop"] = silent(alone)
-        assert shell("stop", "--connect", alone.endpoint, "--timeout", 0.2).code == 1
+        assert shell("stop", "--connect", alone.endpoint, "--timeout", "0.2").code == 1
 
 
 BAD = {
@@ -282,5 +280,5 @@ def test_a_refusal_is_one_sentence(service: FakeService, shell: Shell, code: str
 def test_damaged_and_missing_answers_are_one_sentence(service: FakeService, shell: Shell) -> None:
     service.handlers["status"] = raw(b"<html>")
     assert one_sentence(shell("status"), "is not JSON: '<html>'") == 1
-    nobody = shell("status", "--connect", f"tcp/127.0.0.1:{free_port()}", "--timeout", 0.2)
+    nobody = shell("status", "--connect", f"tcp/127.0.0.1:{free_port()}", "--timeout", "0.2")
     assert one_sentence(nobody, "not running, or not allowed") == 1

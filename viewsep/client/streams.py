@@ -32,7 +32,10 @@ Item = TypeVar("Item")
 
 @dataclass(frozen=True, slots=True)
 class LogLine:
-    """What a role says to people, at a Unix time. `level` is DEBUG, INFO, WARNING, ERROR, FATAL or UNKNOWN; `name` is the role."""
+    """What a role, `name`, says to people at a Unix time.
+
+    `level` is DEBUG, INFO, WARNING, ERROR, FATAL or UNKNOWN.
+    """
 
     stamp_ns: int
     level: str
@@ -42,7 +45,7 @@ class LogLine:
 
 @dataclass(frozen=True, slots=True)
 class Received:
-    """One message with its topic, its sequence number there, and when it arose: on the rig's clock, of log lines Unix."""
+    """One message with its topic, its sequence number there, and when it arose on the rig's clock (a log line: Unix)."""
 
     topic: str
     sequence: int
