@@ -71,7 +71,12 @@ def test_status_is_repeated_until_ctrl_c(service: FakeService, shell: Shell) -> 
         asked.append(table)
 
     service.handlers["status"] = answer
-    thread = later(lambda: (until(lambda: len(asked) > 2, "it is not repeated"), os.kill(os.getpid(), signal.SIGINT)))
+
+    def interrupt_it() -> None:
+        until(lambda: len(asked) > 2, "it is not repeated")
+        os.kill(os.getpid(), signal.SIGINT)
+
+    thread = later(interrupt_it)
     ended = shell("status", "--watch", "--json")
     thread.join()
     assert ended.code == 130

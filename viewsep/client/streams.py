@@ -45,7 +45,7 @@ class LogLine:
 
 @dataclass(frozen=True, slots=True)
 class Received:
-    """One message with its topic, its sequence number there, and when it arose on the rig's clock (a log line: Unix)."""
+    """One message with its topic, its sequence number there, and when it arose: the rig's clock, of log lines Unix."""
 
     topic: str
     sequence: int
