@@ -24,7 +24,7 @@ DOCUMENT = (Path(__file__).parents[2] / "docs" / "service.md").read_text(encodin
 
 def rows(heading: str) -> list[list[str]]:
     """The cells of the table whose first column is headed so."""
-    start = DOCUMENT.index(f"| {heading} |")
+    start = DOCUMENT.index(f"\n\n| {heading} |") + 2
     lines = DOCUMENT[start:].split("\n\n", 1)[0].splitlines()[2:]
     return [[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
 
