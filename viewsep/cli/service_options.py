@@ -36,8 +36,7 @@ Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 def make_client(
     rig: str | None, connect: list[str] | None, keys: Path | None, certificate: str, timeout_s: float, owner: str = ""
 ) -> Client:
-    """The client of these options; not opened yet. Raises BadInput."""
-    _check_timeout(timeout_s)
+    """The client of these options; not opened yet."""
     return Client(rig, endpoints(connect), owner, keys_folder(keys), certificate, timeout_s)
 
 
@@ -60,8 +59,3 @@ def numbers(option: str, text: str, example: str, count: int | None = None) -> t
     if not values or not all(map(math.isfinite, values)) or (count is not None and len(values) != count):
         raise BadInput(f"{option} {text!r}: write {example}")
     return values
-
-
-def _check_timeout(timeout_s: float) -> None:
-    if not math.isfinite(timeout_s):
-        raise BadInput(f"--timeout {timeout_s}: give a number of seconds")

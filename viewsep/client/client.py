@@ -203,9 +203,12 @@ class Client:
         """Clear the faults of the motion."""
         self.request("clear_fault")
 
-    def learn(self, source: str, name: str = "", views: int = 100) -> None:
-        """Have the service learn a model into its library; `status().engine.learning` says how far it is."""
-        self.request("learn", {"source": source, "name": name, "views": views})
+    def learn(self, source: str, name: str = "", views: int | None = None) -> None:
+        """Have the service learn a model into its library, of a mesh from `views` views (100 if None).
+
+        Returns at once: `status().engine` says what is being learned, which models there are, and faults.
+        """
+        self.request("learn", {"source": source, "name": name} | ({} if views is None else {"views": views}))
 
     def record(self, enabled: bool) -> None:
         """Record the tasks from the next one on, or not."""

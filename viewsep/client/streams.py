@@ -32,7 +32,10 @@ Item = TypeVar("Item")
 
 @dataclass(frozen=True, slots=True)
 class LogLine:
-    """What a role says to people. `level` is DEBUG, INFO, WARNING, ERROR, FATAL or UNKNOWN; `name` is the role."""
+    """What a role, `name`, says to people at a Unix time.
+
+    `level` is DEBUG, INFO, WARNING, ERROR, FATAL or UNKNOWN.
+    """
 
     stamp_ns: int
     level: str
@@ -42,7 +45,7 @@ class LogLine:
 
 @dataclass(frozen=True, slots=True)
 class Received:
-    """One message with its topic, its sequence number there, and the rig's clock when it arose."""
+    """One message with its topic, its sequence number there, and when it arose: the rig's clock, of log lines Unix."""
 
     topic: str
     sequence: int
@@ -94,7 +97,8 @@ class _Fetching(Generic[Item]):
 
 
 class Stream(_Fetching[Received]):
-    """The messages of some topics; those that wait together come in the order of their stamps.
+    """The messages of some topics; those that wait together come in the order of their stamps,
+    the log, which has the wall clock's, before the others.
 
     `gaps` counts messages that were lost on the way, `unreadable` those that this version cannot decode.
     """
@@ -137,7 +141,7 @@ class Stream(_Fetching[Received]):
                     self.unreadable += 1
                 else:
                     fetched.append((topic, *place, sample.payload.to_bytes()))
-        self._waiting.extend(sorted(fetched, key=lambda item: item[2]))
+        self._waiting.extend(sorted(fetched, key=lambda item: (item[0] != LOG, item[2])))  # the log has its own clock
 
     def _read(self, topic: str, sequence: int, stamp_ns: int, payload: bytes) -> Received | None:
         try:
