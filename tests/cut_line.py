@@ -65,6 +65,8 @@ class Line:
                 if far is None:
                     near.close()
                     continue
+                for end in (near, far):
+                    end.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)  # small messages must not wait
                 self._open += [near, far]
                 self._start(self._pump, near, far)
                 self._start(self._pump, far, near)
