@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 import socket
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 import zenoh
@@ -33,6 +34,7 @@ def open_session(*, listen: str = "", connect: str = "") -> zenoh.Session:
         "scouting/multicast/enabled": False,
         "scouting/gossip/enabled": False,
         "transport/shared_memory/enabled": False,
+        "scouting/delay": 0,
         "listen/endpoints": [listen] if listen else [],
         "connect/endpoints": [connect] if connect else [],
         "connect/retry": {"period_init_ms": 50, "period_max_ms": 200, "period_increase_factor": 2},
@@ -108,3 +110,11 @@ def remote_rig(here: Station, *, resume_s: float = 5.0) -> Iterator[RemoteRig]:
             yield remote
     finally:
         session.close()
+
+
+def wait_for(condition: Callable[[], bool], timeout_s: float = 10.0) -> None:
+    """Poll until it holds; an AssertionError after `timeout_s`."""
+    deadline_s = time.monotonic() + timeout_s
+    while not condition():
+        assert time.monotonic() < deadline_s, "what was waited for did not happen"
+        time.sleep(0.005)

@@ -10,11 +10,14 @@ from tempfile import TemporaryDirectory
 import numpy as np
 import pytest
 from camera_contract import CameraCase, CameraContract
+from rig_on_zenoh import remote_rig, station
 from view_sets import ring, write_view_set
 
+from viewsep.config import CameraConfig, Config, SimConfig
 from viewsep.kinematics import preset
+from viewsep.service.hardware import SharedCamera
 from viewsep.sim.camera import SimCamera
-from viewsep.sim.clock import SimClock
+from viewsep.sim.clock import PacedClock, SimClock
 from viewsep.sim.disturbances import Disturbances
 from viewsep.sim.plate import PhotoPlate, Photos
 from viewsep.sim.render import CameraOptics, MeshRenderer
@@ -48,17 +51,46 @@ def photos(disturbances: Disturbances | None = None) -> Make:
     return make
 
 
+def shared(speed: float, disturbances: Disturbances | None = None) -> Make:
+    """Shared with other readers, in stepped time or in real time that is `speed` times as fast."""
+
+    def make(mesh: Path, stack: ExitStack) -> CameraCase:
+        clock = PacedClock(speed) if speed else SimClock()
+        world = SimWorld(preset("gimbal"), clock, 0, disturbances or Disturbances())
+        stack.callback(world.close)
+        camera = SimCamera(world, MeshRenderer(mesh, CameraOptics(48)))
+        return CameraCase(SharedCamera(camera, clock, stepped=speed == 0.0), clock)
+
+    return make
+
+
+def remote(speed: float, disturbances: SimConfig | None = None) -> Make:
+    """Read from the other end of a connection."""
+
+    def make(_mesh: Path, stack: ExitStack) -> CameraCase:
+        config = Config(camera=CameraConfig(size_px=48), sim=disturbances or SimConfig())
+        rig = stack.enter_context(remote_rig(stack.enter_context(station(config, speed=speed)))).lent_to("a contract")
+        return CameraCase(rig.camera, rig.clock)
+
+    return make
+
+
 IMPLEMENTATIONS: dict[str, Make] = {
     "simulated": simulated(),
     "simulated, late and lossy": simulated(disturbances=Disturbances(latency_s=0.1, drop_rate=0.2)),
     "simulated, connected after an hour": simulated(3_600_000_000_123, Disturbances(drop_rate=0.2)),
     "photos": photos(),
     "photos, late, lossy and noisy": photos(Disturbances(latency_s=0.1, drop_rate=0.2, noise=0.1, mask_error=0.1)),
+    "shared, stepped": shared(0.0, Disturbances(latency_s=0.1, drop_rate=0.2)),
+    "shared, real time": shared(2.0),
+    "shared, real time, late and lossy": shared(2.0, Disturbances(latency_s=0.1, drop_rate=0.2)),
+    "remote, stepped": remote(0.0, SimConfig(latency_s=0.1, drop_rate=0.2)),
+    "remote, real time": remote(2.0),
 }
 
 
 def marked(name: str) -> pytest.ParameterSet:
-    marks = [pytest.mark.needs_pybullet] if name.startswith("simulated") else []
+    marks = [] if name.startswith("photos") else [pytest.mark.needs_pybullet]
     return pytest.param(IMPLEMENTATIONS[name], marks=marks, id=name)
 
 

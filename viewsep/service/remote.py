@@ -260,17 +260,14 @@ class SteppedRemoteClock:
     def now_ns(self) -> int:
         """The rig's nanoseconds; the newest that are known while it cannot be asked, as no time passes meanwhile."""
         with suppress(RigError):
-            self._newest_ns = self._link.call("clock", lambda said: int(said["now_ns"]))
+            self._newest_ns = self._link.call("clock", _now_ns)
         return self._newest_ns
 
     def sleep_until(self, stamp_ns: int) -> None:
         """Let simulated time pass up to `stamp_ns`. Raises LeaseLost, RigLost, RigError."""
         while self._newest_ns < stamp_ns:
             step_ns = min(stamp_ns, self._newest_ns + round(MAX_WAIT_S * 1e9))
-            holder = self._link.holder
-            self._newest_ns = self._link.call(
-                "sleep", lambda said: int(said["now_ns"]), until_ns=step_ns, holder=holder
-            )
+            self._newest_ns = self._link.call("sleep", _now_ns, until_ns=step_ns, holder=self._link.holder)
 
 
 def _asked(link: RigLink, newer_than_ns: int, timeout_s: float) -> dict[str, Any]:
@@ -294,6 +291,10 @@ def _description(said: Any) -> Description:
 def _state(said: Any) -> JointState:
     position, setpoint = _floats(said["position_rad"]), _floats(said["setpoint_rad"])
     return JointState(int(said["stamp_ns"]), position, setpoint, bool(said["moving"]), str(said["fault"]))
+
+
+def _now_ns(said: Any) -> int:
+    return int(said["now_ns"])
 
 
 def _floats(values: Any) -> tuple[float, ...]:
