@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 from processes import Serving, serving, until
 
-from viewsep.client import Client, RequestRefused
+from viewsep.client import Client, LogLine, RequestRefused
 from viewsep.messages import PerceptReceived
 from viewsep.recordings.reader import read_recording
 from viewsep.recordings.replay import verify
@@ -153,6 +153,20 @@ def test_models_are_learned_while_the_service_runs(settings: Mapping[str, Any], 
         client.learn("nowhere/at/all")
         fault = until(lambda: engine(client).faults, 60, "no fault")
         assert "nowhere/at/all was not learned" in fault[0]
+
+
+def test_the_log_is_published_once_by_the_role_it_is_of(service: Serving) -> None:
+    with serving(service), service.client("ana") as ana, ana.watch(("log",)) as stream:
+        task = ana.start(seed=1)
+        ana.stop("smoke")
+        ana.wait(task, timeout_s=20)
+        lines = []
+        while (received := stream.receive(1.0)) is not None:
+            assert isinstance(received.message, LogLine)
+            lines.append((received.message.name, received.message.message))
+    assert len(lines) == len(set(lines))
+    assert ("rig", "stopped by ana: smoke") in lines
+    assert any(name == "engine" and text.startswith(f"task {task} started by ana") for name, text in lines)
 
 
 def test_recording_can_be_switched_off(service: Serving) -> None:

@@ -37,7 +37,7 @@ from viewsep.service.rig_access import RigAccess
 from viewsep.service.status import EngineStatus, RecordingStatus, ResultStatus
 from viewsep.service.task import RunningTask, TaskOrder
 
-log = logging.getLogger("viewsep.service")
+log = logging.getLogger("viewsep.service.engine")
 CLOSING_S = 20.0
 
 

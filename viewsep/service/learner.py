@@ -10,7 +10,7 @@ from pathlib import Path
 
 from viewsep.service.requests import Code, LearnRequest, Refused
 
-log = logging.getLogger("viewsep.service")
+log = logging.getLogger("viewsep.service.engine")
 CLOSING_S = 5.0
 
 

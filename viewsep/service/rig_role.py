@@ -6,6 +6,7 @@ import logging
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 
 import numpy as np
 
@@ -28,7 +29,7 @@ from viewsep.service.served_rig import ServedRig
 from viewsep.service.status import CameraStatus, JointStatus, MotionStatus, RigStatus
 from viewsep.session import SETTLED_RAD
 
-log = logging.getLogger("viewsep.service")
+log = logging.getLogger("viewsep.service.rig")
 POLL_S = 0.02
 POLL_NS = 20_000_000
 
@@ -230,7 +231,8 @@ class RigRole:
         finally:
             with self._lock:
                 self._move = None
-            self._served.motion.release(move.holder)
+            with suppress(RigError):  # the status tells of it
+                self._served.motion.release(move.holder)
 
     def _publish_read_backs(self) -> None:
         """Pass every read-back on, once."""

@@ -147,7 +147,7 @@ class Service:
     def _streams(self, session: zenoh.Session, role: Role, topics: tuple[str, ...]) -> Streams:
         streams = Streams(session, self.keys, topics)
         self._open.callback(streams.close)
-        handler = LogStream(streams, role)
+        handler = LogStream(streams, role, whole_process=role is self.roles[0])
         log.addHandler(handler)
         self._open.callback(log.removeHandler, handler)
         return streams

@@ -17,6 +17,8 @@ from viewsep.service.names import LOG, Keys, attachment, encoding
 
 DROPPED = frozenset({IMAGE_TOPIC, "motion/state", LOG})
 """Streams of which only the newest counts: a link that cannot keep up loses messages of these instead of waiting."""
+LOGGER = "viewsep.service"
+"""What the service says to people; every role has a child of it."""
 LEVELS = {
     logging.DEBUG: Log.DEBUG,
     logging.INFO: Log.INFO,
@@ -59,12 +61,17 @@ class Streams:
 
 
 class LogStream(logging.Handler):
-    """Publishes log records as foxglove.Log; `role` is its name there. Times are those of the wall clock."""
+    """Publishes a role's log records as foxglove.Log; `role` is its name there. Times are those of the wall clock.
 
-    def __init__(self, streams: Streams, role: str) -> None:
+    `whole_process` adds what is of no role, such as connections; one role of a process does that.
+    """
+
+    def __init__(self, streams: Streams, role: str, *, whole_process: bool) -> None:
         super().__init__(logging.INFO)
         self._streams = streams
         self._role = role
+        self._loggers = {f"{LOGGER}.{role}"} | ({LOGGER} if whole_process else set())
+        self.addFilter(lambda record: record.name in self._loggers)
 
     def emit(self, record: logging.LogRecord) -> None:
         """Publish one record."""

@@ -20,7 +20,7 @@ from viewsep.recordings.queue import QueuedListener
 from viewsep.rigs import pace_of
 from viewsep.session import Rig, Session
 
-log = logging.getLogger("viewsep.service")
+log = logging.getLogger("viewsep.service.engine")
 
 
 @dataclass(frozen=True, slots=True)
