@@ -208,6 +208,8 @@ class EngineRole:
         except BaseException:
             rig.motion.close()
             raise
+        if request.token and not self._present(request.token):  # it went away while the task began
+            self.owner_gone(request.token)
         log.info("task %s started by %s: %s", name, request.owner, ", ".join(model.name for model in models))
         return task
 

@@ -208,6 +208,8 @@ class RigRole:
         with self._lock:
             self._move = move
         self._spawn(lambda: self._watch(move), "viewsep move")
+        if token and not self._present(token):  # it went away while the move began
+            self.owner_gone(token)
         return accepted(command, setpoint_deg=[float(q) for q in np.degrees(setpoint)])
 
     def _watch(self, move: _Move) -> None:
