@@ -6,6 +6,7 @@ import itertools
 import threading
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,10 +15,16 @@ from rig_on_zenoh import wait_for
 from viewsep.clock import MonotonicClock
 from viewsep.errors import LeaseLost, NotConnected, RigError, Timeout
 from viewsep.interfaces import JointLimits
+from viewsep.kinematics import preset
 from viewsep.messages import Frame, JointState
 from viewsep.service.hardware import RETRY_S, SharedCamera, SharedMotion
 from viewsep.service.lease import Lease
 from viewsep.service.requests import Refused
+from viewsep.sim.camera import SimCamera
+from viewsep.sim.clock import PacedClock
+from viewsep.sim.disturbances import Disturbances
+from viewsep.sim.render import CameraOptics, MeshRenderer
+from viewsep.sim.world import SimWorld
 
 LIMITS = (JointLimits("pan", -10.0, 10.0, 1.0),)
 
@@ -253,6 +260,22 @@ def test_any_number_of_readers_get_frames_and_one_thread_reads_the_device(
     assert health.rate_hz > 50.0
     assert health.newest_age_s is not None
     assert (health.drops, health.problem) == (0, "")
+
+
+@pytest.mark.needs_pybullet
+def test_a_camera_faster_than_its_reader_is_kept_up_with_by_skipping_frames(product_mesh: Path) -> None:
+    clock = PacedClock(30.0)
+    world = SimWorld(preset("gimbal"), clock, 0, Disturbances())
+    camera = SharedCamera(SimCamera(world, MeshRenderer(product_mesh, CameraOptics(128))), clock, stepped=False)
+    camera.connect()
+    end_ns = clock.now_ns() + 30 * 10**9
+    wait_for(lambda: clock.now_ns() > end_ns)  # 900 exposures in a second
+    health = camera.health()
+    camera.close()
+    world.close()
+    assert health.drops > 0
+    assert health.newest_age_s is not None
+    assert health.newest_age_s < 9.0  # without skipping some 20
 
 
 def test_gaps_are_drops(camera: SharedCamera, blinking: Blinking) -> None:

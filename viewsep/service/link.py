@@ -189,6 +189,7 @@ class RigLink:
                 self.up = False
 
     def _sign_of_life(self) -> None:
+        estimate = self.clock
         payload, sent_ns = self._payload(holder=self.holder), time.monotonic_ns()
         reply = self._attempt("clock", payload, ANSWER_S)
         received_ns = time.monotonic_ns()
@@ -197,8 +198,9 @@ class RigLink:
         if isinstance(reply, bytes):
             instance, rig_ns = _read("clock", reply, lambda said: (str(said["instance"]), int(said["now_ns"])))
             if instance != self._instance:  # another process, another clock
-                self._instance, self.clock = instance, ClockEstimate(self.clock.speed)
-            self.clock.hear(sent_ns, received_ns, rig_ns)
+                self._instance, estimate = instance, ClockEstimate(estimate.speed)
+            estimate.hear(sent_ns, received_ns, rig_ns)
+            self.clock = estimate
 
 
 def _read(name: str, reply: bytes, read: Callable[[Any], T]) -> T:
