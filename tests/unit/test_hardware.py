@@ -117,6 +117,18 @@ def test_a_stop_is_not_followed_by_the_move_before_it(shared: Shared) -> None:
     assert shared.device.told == [(1.0,), "stop", "stop"]
 
 
+def test_who_begins_anew_after_a_silence_does_not_find_the_old_move(shared: Shared) -> None:
+    anna = shared.motion.commanded_by("anna")
+    anna.connect()
+    anna.move_to((1.0,))
+    shared.now_s = 1.0
+    anna.connect()
+    told = list(shared.device.told)
+    assert told[-1] == "stop"
+    anna.read_state()
+    assert shared.device.told == told
+
+
 def test_who_takes_over_finds_the_rig_stopped(shared: Shared) -> None:
     anna, ben = shared.motion.commanded_by("anna"), shared.motion.commanded_by("ben")
     anna.connect()
