@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import threading
 import time
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from view_sets import ring, write_view_set
 
+from viewsep.config import Config
 from viewsep.kinematics import preset
+from viewsep.rigs import rig_holding
 from viewsep.sim.camera import SimCamera
 from viewsep.sim.clock import LONGEST_CATCH_UP_S, PacedClock, SimClock
 from viewsep.sim.disturbances import Disturbances
@@ -59,6 +63,19 @@ def test_waiting_really_waits() -> None:
     clock.sleep_until(start_ns + 200_000_000)
     assert clock.now_ns() >= start_ns + 200_000_000
     assert time.monotonic_ns() - begun_ns >= 49_000_000
+
+
+@pytest.mark.needs_pybullet
+@pytest.mark.parametrize("source", ["generated:7", "photos"])
+@pytest.mark.parametrize(("speed", "kind"), [(0.0, SimClock), (3.0, PacedClock)])
+def test_a_rigs_speed_chooses_its_clock(source: str, speed: float, kind: type[SimClock], tmp_path: Path) -> None:
+    held = source if source != "photos" else str(write_view_set(tmp_path / "tin", 1, ring(*range(0, 360, 30))))
+    held_rig = rig_holding(held, [], Config(), 0, speed=speed).rig
+    assert type(held_rig.clock) is kind
+    with closing(held_rig.camera), closing(held_rig.motion):
+        held_rig.motion.connect()
+        held_rig.camera.connect()
+        assert held_rig.camera.read(held_rig.clock.now_ns(), 5.0).stamp_ns > 0
 
 
 @pytest.mark.needs_pybullet

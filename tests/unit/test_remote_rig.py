@@ -78,13 +78,14 @@ def run_remotely(remote: RemoteRig, notes: Notes, config: Config = CONFIG, send:
         return session.run(5)
 
 
-def run_locally(config: Config = CONFIG) -> Notes:
+@cache
+def local_bytes() -> list[bytes]:
     notes = Notes()
-    rig = simulated_rig(config, "generated:7", 5).rig
-    perception = RigPerception(rig, make_descriptor(config.descriptor))
-    with Session(rig, make_engine(config, learned()), perception, pace_of(config), [notes]) as session:
+    rig = simulated_rig(CONFIG, "generated:7", 5).rig
+    perception = RigPerception(rig, make_descriptor(CONFIG.descriptor))
+    with Session(rig, make_engine(CONFIG, learned()), perception, pace_of(CONFIG), [notes]) as session:
         session.run(5)
-    return notes
+    return notes.bytes()
 
 
 def viewsep_threads() -> list[str]:
@@ -102,7 +103,7 @@ def test_a_stepped_task_over_the_line_is_the_local_one_to_the_byte_and_leaves_no
         assert remote.link.up
     assert result.looks == 25
     assert notes.count(JointState) > 100
-    assert notes.bytes() == run_locally().bytes()
+    assert notes.bytes() == local_bytes()
     assert viewsep_threads() == []
 
 
@@ -323,7 +324,7 @@ def test_a_stepped_task_over_a_line_that_is_cut_three_times_is_still_the_local_o
         notes.on_percept = {3: trouble, 10: trouble, 17: trouble}
         run_remotely(remote, notes)
         assert notes.on_percept == {}
-    assert notes.bytes() == run_locally().bytes()
+    assert notes.bytes() == local_bytes()
 
 
 def test_a_rig_out_of_reach_holds_its_position_and_goes_on_with_its_move_when_it_is_back() -> None:
@@ -400,7 +401,7 @@ def test_a_servers_session_that_is_opened_again_is_found_again() -> None:
 
         notes.on_percept[3] = pause
         run_remotely(remote, notes)
-        assert notes.bytes() == run_locally().bytes()
+        assert notes.bytes() == local_bytes()
 
 
 def test_a_rig_that_is_not_there_is_lost() -> None:

@@ -48,7 +48,10 @@ class SharedMotion:
         return _Commanded(self, holder)
 
     def acquire(self, holder: str) -> None:
-        """Take the lease; what somebody who fell silent had begun is stopped first. Raises Refused (busy), RigError."""
+        """Take the lease and begin anew: what a holder who fell silent had under way is stopped and forgotten.
+
+        Raises Refused (busy), RigError.
+        """
         with self._lock:
             if self.lease.acquire(holder):
                 self._forget_move()

@@ -31,10 +31,10 @@ class Lease:
         return self._holder
 
     def acquire(self, holder: str) -> bool:
-        """Take the lease; True when it was taken from somebody who had lapsed. Raises Refused (busy)."""
+        """Take the lease; True when whoever had it, this holder or another, had lapsed. Raises Refused (busy)."""
         with self._lock:
-            taken_over = self._holder not in ("", holder)
-            if taken_over and not self._silent():
+            had_lapsed, taken_over = self._lapsed(), self._holder not in ("", holder)
+            if taken_over and not had_lapsed:
                 raise Refused(Code.BUSY, f"the rig is moved by {self._holder}: wait until it is done, or stop it")
             if taken_over:
                 reason = f"{holder} has taken the rig after {self.lease_s:g} s of silence"
@@ -42,7 +42,7 @@ class Lease:
             elif self._lost[0] == holder:
                 self._lost = "", ""
             self._holder, self._heard_s = holder, self._clock()
-            return taken_over
+            return had_lapsed
 
     def renew(self, holder: str) -> bool:
         """The holder is still there; True when it had lapsed. Raises LeaseLost when it no longer holds the lease."""
@@ -50,7 +50,7 @@ class Lease:
             if holder != self._holder or not holder:
                 loser, reason = self._lost
                 raise LeaseLost(reason if holder == loser and holder else f"{holder or 'nobody'} does not hold the rig")
-            had_lapsed = self._silent()
+            had_lapsed = self._lapsed()
             self._heard_s = self._clock()
             return had_lapsed
 
@@ -72,7 +72,7 @@ class Lease:
     def lapsed(self) -> bool:
         """Whether there is a holder that was silent for too long."""
         with self._lock:
-            return self._holder != "" and self._silent()
+            return self._lapsed()
 
-    def _silent(self) -> bool:
-        return self._clock() - self._heard_s >= self.lease_s
+    def _lapsed(self) -> bool:
+        return self._holder != "" and self._clock() - self._heard_s >= self.lease_s

@@ -189,16 +189,18 @@ class RigLink:
                 self.up = False
 
     def _sign_of_life(self) -> None:
-        payload, sent_ns = self._payload(holder=self.holder), time.monotonic_ns()
+        estimate, holder = self.clock, self.holder
+        payload, sent_ns = self._payload(holder=holder), time.monotonic_ns()
         reply = self._attempt("clock", payload, ANSWER_S)
         received_ns = time.monotonic_ns()
-        if isinstance(reply, LeaseLost):
-            self.holder = ""  # the next call tells whoever holds it
+        if isinstance(reply, LeaseLost) and self.holder == holder:
+            self.holder = ""  # the next call tells whoever held it
         if isinstance(reply, bytes):
             instance, rig_ns = _read("clock", reply, lambda said: (str(said["instance"]), int(said["now_ns"])))
             if instance != self._instance:  # another process, another clock
-                self._instance, self.clock = instance, ClockEstimate(self.clock.speed)
-            self.clock.hear(sent_ns, received_ns, rig_ns)
+                self._instance, estimate = instance, ClockEstimate(estimate.speed)
+            estimate.hear(sent_ns, received_ns, rig_ns)
+            self.clock = estimate
 
 
 def _read(name: str, reply: bytes, read: Callable[[Any], T]) -> T:

@@ -64,7 +64,10 @@ class RigServer:
         self._queryable = self._session.declare_queryable(self._keys.remote("*"), self._receive, complete=True)
 
     def close(self) -> None:
-        """Answer what was asked, then no more. Safe to call twice; before the session is closed, from no callback."""
+        """Answer what was asked, then no more; closing the camera first frees those who wait for a frame.
+
+        Safe to call twice; before the session is closed, from no callback.
+        """
         queryable, self._queryable = self._queryable, None
         if queryable is not None:
             queryable.undeclare()
