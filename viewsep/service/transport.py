@@ -203,7 +203,7 @@ def _settings(
         "mode": mode,
         "listen": {"endpoints": list(listen)},  # an empty list is none, not Zenoh's default
         "connect": {"endpoints": list(connect), "retry": _RETRY},
-        "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}},
+        "scouting": {"delay": 0, "multicast": {"enabled": False}, "gossip": {"enabled": False}},
         "adminspace": {"enabled": False},
         "transport": {"link": link, "shared_memory": {"enabled": False}},
     }
