@@ -341,7 +341,7 @@ def foreign(path: Path, write: Callable[[Writer], None], *, data_crcs: bool = Tr
         writer = Writer(file, enable_data_crcs=data_crcs)
         writer.start()
         write(writer)
-        writer.finish()
+        writer.finish()  # type: ignore[no-untyped-call]
     return path
 
 
