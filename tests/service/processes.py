@@ -16,6 +16,10 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from viewsep.client import Client, NoAnswer
+from viewsep.messages import PerceptReceived
+from viewsep.recordings.reader import read_recording
+from viewsep.recordings.replay import verify
+from viewsep.service.status import EngineStatus, ResultStatus, RigStatus, Status
 
 STARTS_S = 30.0
 T = TypeVar("T")
@@ -128,6 +132,73 @@ def serving(*services: Serving) -> Iterator[None]:
             if service.process is not None and service.process.poll() is None:
                 service.send(signal.SIGCONT)
                 service.end()
+
+
+def split(
+    settings: Mapping[str, Any], folder: Path, connect: str = "", **service: Any
+) -> tuple[Serving, Serving]:
+    """The two processes of one rig; the engine's connects to the rig's endpoint, or to another one."""
+    common = {**settings, "service": {**settings["service"], **service}}
+    rig = Serving(folder / "rig", common, ("--role", "rig"))
+    connected = {**common, "service": {**common["service"], "connect": [connect or rig.endpoint]}}
+    return rig, Serving(folder / "engine", connected, ("--role", "engine"))
+
+
+def engine_of(client: Client) -> EngineStatus:
+    """The engine's section of the status."""
+    said = client.status().engine
+    assert said is not None
+    return said
+
+
+def rig_of(client: Client) -> RigStatus:
+    """The rig's section of the status."""
+    said = client.status().rig
+    assert said is not None
+    return said
+
+
+def still(status: Status) -> tuple[float, ...]:
+    """Joint angles of a rig at rest, empty when it moves."""
+    assert status.rig is not None
+    motion = status.rig.motion
+    return () if motion.moving else tuple(joint.position_deg for joint in motion.joints)
+
+
+def under_way(client: Client, looks: int = 5) -> str:
+    """Wait until a task has taken some looks and the joints move; its name."""
+    return until(
+        lambda: (said := engine_of(client)).looks >= looks and rig_of(client).motion.moving and said.task,
+        30,
+        "no task is under way",
+    )
+
+
+def held(client: Client, within_s: float) -> float:
+    """Wait until nobody holds the rig and it stands, and see that it goes on standing; seconds until then."""
+    begun = time.monotonic()
+
+    def rest() -> tuple[float, ...]:
+        status = client.status()
+        return still(status) if status.rig is not None and status.rig.motion.holder == "" else ()
+
+    at = until(rest, within_s, "the rig does not hold")
+    took_s = time.monotonic() - begun
+    for _ in range(10):
+        assert still(client.status()) == at
+        time.sleep(0.03)
+    return took_s
+
+
+def complete(result: ResultStatus, folder: Path) -> int:
+    """Check that a task's recording under `folder` replays and has every percept once; the number of percepts."""
+    assert result.recording is not None
+    assert not list((folder / result.recording).parent.glob("*.part"))
+    content = read_recording(folder / result.recording)
+    verify(content)
+    percepts = [r.message.percept.sequence for r in content.messages if isinstance(r.message, PerceptReceived)]
+    assert percepts == sorted(set(percepts))
+    return len(percepts)
 
 
 def answers(client: Client) -> bool:

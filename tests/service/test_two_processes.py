@@ -7,21 +7,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from processes import Serving, serving, until
+from processes import Serving, serving, split, until
 
 from viewsep.messages import JointState
 from viewsep.recordings.codec import RecordedFrame, to_bytes
 from viewsep.recordings.reader import read_recording
 from viewsep.recordings.replay import verify
 from viewsep.service.status import ResultStatus
-
-
-def split(settings: Mapping[str, Any], folder: Path, **service: Any) -> tuple[Serving, Serving]:
-    """The two processes of one rig."""
-    common = {**settings, "service": {**settings["service"], **service}}
-    rig = Serving(folder / "rig", common, ("--role", "rig"))
-    connected = {**common, "service": {**common["service"], "connect": [rig.endpoint]}}
-    return rig, Serving(folder / "engine", connected, ("--role", "engine"))
 
 
 def result_of(*services: Serving, seed: int) -> ResultStatus:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from collections.abc import Callable
@@ -53,6 +54,12 @@ class Lease:
             had_lapsed = self._lapsed()
             self._heard_s = self._clock()
             return had_lapsed
+
+    def lapse(self, holder: str) -> None:
+        """`holder` cannot be heard any more: it has lapsed now, not only after `lease_s`."""
+        with self._lock:
+            if holder == self._holder:
+                self._heard_s = -math.inf
 
     def release(self, holder: str) -> bool:
         """Give the lease back; False when `holder` did not hold it."""

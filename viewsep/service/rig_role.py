@@ -117,13 +117,14 @@ class RigRole:
             self._served.motion.halt(f"{move.owner} has gone")
 
     def engine_gone(self) -> None:
-        """The engine's process has gone: its task, if it had one, no longer moves the rig."""
-        holder = self._served.motion.lease.holder
+        """The engine's process has gone, or its link: whatever it moves is held until it is heard again."""
+        lease = self._served.motion.lease
+        holder = lease.holder
         with self._lock:
             own = self._move is not None and self._move.holder == holder
         if holder and not own:
             log.warning("the engine has gone during %s: holding position", holder)
-            self._served.motion.halt("the engine has gone")
+            lease.lapse(holder)
 
     def status(self) -> RigStatus:
         """The rig's section of the status."""
@@ -160,7 +161,8 @@ class RigRole:
             self._threads = []
 
     def _motion_status(self) -> tuple[MotionStatus, tuple[str, ...]]:
-        motion, holder = self._served.motion, self._served.motion.lease.holder
+        motion, lease = self._served.motion, self._served.motion.lease
+        holder = "" if lease.lapsed() else lease.holder  # from one who has lapsed anybody may take the rig
         try:
             state, temperatures, fault = motion.read_state(), motion.temperatures_c(), motion.fault()
         except RigError as error:
