@@ -16,14 +16,16 @@ from functools import cache
 from ipaddress import ip_address
 from pathlib import Path
 from threading import Lock
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import zenoh
 
-from viewsep.config import ServiceConfig
 from viewsep.errors import BadConfig, BadInput, RigError
 from viewsep.keys import CA, REGISTER, check_certificate, is_dns_name, read_register
 from viewsep.service.access import access_control
+
+if TYPE_CHECKING:  # clients are quick to start without it
+    from viewsep.config import ServiceConfig
 
 log = logging.getLogger("viewsep.service")
 MAX_MESSAGE_BYTES = 8 * 2**20
