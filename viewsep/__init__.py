@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
-from importlib.metadata import version
 
-__version__ = version("viewsep")
+def __getattr__(name: str) -> str:
+    """`__version__`, looked up when it is asked for: the package is imported by every command."""
+    if name != "__version__":
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from importlib.metadata import version
+
+    return version("viewsep")

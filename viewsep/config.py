@@ -111,13 +111,15 @@ class ServiceConfig(Section):
     """How the rig is served on Zenoh; see docs/deploy.md. `listen_images` and `connect_images` carry pictures only.
 
     `name` is the rig's in every key. `keys` is the folder of certificates and `certificate` the one to use; without
-    keys only loopback addresses are allowed. A role that runs apart from the rig reaches it through `connect`.
+    keys only loopback addresses are allowed. A role that runs apart from the rig reaches it through `connect`; a
+    router is reached through `connect`, and given the pictures through `connect_images`.
     """
 
     name: str = Field(default="bench", pattern=r"^[A-Za-z0-9_.-]{1,64}$")
     listen: tuple[str, ...] = ("tcp/127.0.0.1:7447",)
     listen_images: tuple[str, ...] = ("tcp/127.0.0.1:7448",)
     connect: tuple[str, ...] = ()
+    connect_images: tuple[str, ...] = ()
     keys: str = ""
     certificate: str = "rig"
     library: str = "library"

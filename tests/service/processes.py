@@ -46,18 +46,35 @@ def until(what: Callable[[], T], timeout_s: float, says: str) -> T:
 
 @dataclass
 class Serving:
-    """One `viewsep serve` process. `port` carries everything but pictures, which are on `image_port`."""
+    """One `viewsep serve` or `router` process. `port` carries everything but pictures, which are on `image_port`.
+
+    With `service.keys` in the settings it listens by TLS.
+    """
 
     folder: Path
     settings: Mapping[str, Any]
     arguments: tuple[str, ...] = ()
+    command: str = "serve"
     port: int = field(default_factory=free_port)
     image_port: int = field(default_factory=free_port)
     process: subprocess.Popen[bytes] | None = None
 
     @property
     def endpoint(self) -> str:
-        return f"tcp/127.0.0.1:{self.port}"
+        return f"{self._protocol}/127.0.0.1:{self.port}"
+
+    @property
+    def image_endpoint(self) -> str:
+        return f"{self._protocol}/127.0.0.1:{self.image_port}"
+
+    @property
+    def keys(self) -> str:
+        """Its folder of certificates, empty without."""
+        return str(self.settings.get("service", {}).get("keys", ""))
+
+    @property
+    def _protocol(self) -> str:
+        return "tls" if self.keys else "tcp"
 
     @property
     def log(self) -> str:
@@ -73,13 +90,17 @@ class Serving:
         self.folder.mkdir(parents=True, exist_ok=True)
         config = self.folder / f"serve-{self.port}.toml"
         config.write_text(self._toml(), encoding="utf-8")
-        command = [sys.executable, "-m", "viewsep", "serve", "--config", str(config), *self.arguments]
+        command = [sys.executable, "-m", "viewsep", self.command, "--config", str(config), *self.arguments]
         with self._log_file.open("ab") as log:
             before = self._log_file.stat().st_size
             self.process = subprocess.Popen(
                 command, stdin=subprocess.DEVNULL, stdout=log, stderr=log, cwd=self.folder, start_new_session=True
             )
-        until(lambda: "serving " in self.log[before:] or self._gone(), STARTS_S, "the service does not start")
+        until(
+            lambda: any(word in self.log[before:] for word in ("serving ", "routing ")) or self._gone(),
+            STARTS_S,
+            "the service does not start",
+        )
         assert not self._gone(), self.log
         return self
 
@@ -110,7 +131,7 @@ class Serving:
     def _toml(self) -> str:
         service = {
             "listen": [self.endpoint],
-            "listen_images": [f"tcp/127.0.0.1:{self.image_port}"],
+            "listen_images": [self.image_endpoint],
             **self.settings.get("service", {}),
         }
         tables = {**self.settings, "service": service}

@@ -1,30 +1,65 @@
-"""All commands in one place."""
+"""All commands in one place. Each is imported when it is asked for: none waits for what only others need."""
 
 from __future__ import annotations
 
-from typing import Annotated
+from collections.abc import Callable
+from importlib import import_module
+from typing import Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
-from viewsep import __version__
-from viewsep.cli import (
-    bench,
-    demo,
-    keys,
-    learn,
-    models,
-    replay,
-    report,
-    requests,
-    rigs,
-    separate,
-    serve,
-    start,
-    status,
-    watch,
-)
+import viewsep
+
+COMMANDS = {
+    "demo": "demo:demo",
+    "learn": "learn:learn",
+    "models": "models:models",
+    "separate": "separate:separate",
+    "serve": "serve:serve",
+    "router": "router:router",
+    "replay": "replay:replay",
+    "report": "report:report",
+    "rigs": "rigs:rigs",
+    "status": "status:status",
+    "start": "start:start",
+    "watch": "watch:watch",
+    "cancel": "requests:cancel",
+    "stop": "requests:stop",
+    "home": "requests:home",
+    "move": "requests:move",
+    "clear-fault": "requests:clear_fault",
+    "request": "requests:request",
+    "bench": "bench:app",
+    "keys": "keys:app",
+}
+"""Where each command is: a module of this package and a function, or a group of further commands, in it."""
+
+
+class Commands(TyperGroup):
+    """A group that knows the names of its commands, and imports the one that is asked for."""
+
+    def __init__(self, **settings: Any) -> None:
+        super().__init__(**settings)
+        not_yet: Any = None
+        self.commands.update(dict.fromkeys(COMMANDS, not_yet))
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        """A command of Typer's; None for a name that no command has."""
+        if cmd_name not in COMMANDS:
+            return None
+        module, name = COMMANDS[cmd_name].split(":")
+        found: typer.Typer | Callable[..., None] = getattr(import_module(f"viewsep.cli.{module}"), name)
+        alone = typer.Typer(rich_markup_mode="markdown")
+        if isinstance(found, typer.Typer):
+            alone.add_typer(found, name=cmd_name)
+        else:
+            alone.command(cmd_name)(found)
+        return typer.main.get_group(alone).get_command(ctx, cmd_name)
+
 
 app = typer.Typer(
+    cls=Commands,
     help="Tell look-alike objects apart by turning them in front of a camera.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
@@ -32,30 +67,11 @@ app = typer.Typer(
     rich_markup_mode="markdown",
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-app.command("demo")(demo.demo)
-app.command("learn")(learn.learn)
-app.command("models")(models.models)
-app.command("separate")(separate.separate)
-app.command("serve")(serve.serve)
-app.command("replay")(replay.replay)
-app.command("report")(report.report)
-app.command("rigs")(rigs.rigs)
-app.command("status")(status.status)
-app.command("start")(start.start)
-app.command("watch")(watch.watch)
-app.command("cancel")(requests.cancel)
-app.command("stop")(requests.stop)
-app.command("home")(requests.home)
-app.command("move")(requests.move)
-app.command("clear-fault")(requests.clear_fault)
-app.command("request")(requests.request)
-app.add_typer(bench.app, name="bench")
-app.add_typer(keys.app, name="keys")
 
 
 def _print_version(wanted: bool) -> None:
     if wanted:
-        typer.echo(f"viewsep {__version__}")
+        typer.echo(f"viewsep {viewsep.__version__}")
         raise typer.Exit
 
 

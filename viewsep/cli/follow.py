@@ -11,8 +11,8 @@ import numpy as np
 from rich.text import Text
 
 from viewsep.cli.console import people, print_json, print_json_line, results
+from viewsep.cli.exit_codes import EXIT_CODES
 from viewsep.cli.live import LiveTable
-from viewsep.cli.separate import EXIT_CODES
 from viewsep.cli.status_tables import sentence
 from viewsep.client import LogLine, Received
 from viewsep.errors import ViewsepError

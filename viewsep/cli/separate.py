@@ -9,19 +9,15 @@ from typing import Annotated
 
 import typer
 
+from viewsep.cli.candidates import candidate_names
 from viewsep.cli.console import MAX_SEED, people, print_json, results
+from viewsep.cli.exit_codes import EXIT_CODES, EXIT_INTERRUPTED, EXIT_WRONG
 from viewsep.cli.live import LiveTable
 from viewsep.config import Config, InterpreterConfig, load_config
-from viewsep.errors import BadInput
-from viewsep.messages import Outcome
 from viewsep.models.library import load_library
 from viewsep.rigs import PictureKind
 from viewsep.session import Session
 from viewsep.task import Answer, Task, held_object, run_task
-
-EXIT_CODES = {Outcome.IDENTIFIED: 0, Outcome.UNDECIDED: 3, Outcome.FAILED: 4}
-EXIT_WRONG = 5
-EXIT_INTERRUPTED = 130
 
 
 def separate(
@@ -67,16 +63,6 @@ def separate(
     if interrupted:
         raise typer.Exit(EXIT_INTERRUPTED)
     raise typer.Exit(exit_code(answer))
-
-
-def candidate_names(text: str | None) -> list[str]:
-    """Names from a comma-separated option; all candidates for None. Raises BadInput."""
-    if text is None:
-        return []
-    names = [name.strip() for name in text.split(",")]
-    if not all(names):
-        raise BadInput(f"--candidates {text!r} has an empty name: write e.g. --candidates tea,tea_decaf")
-    return names
 
 
 def exit_code(answer: Answer) -> int:

@@ -52,7 +52,7 @@ def serve(
         speed=speed,
         recordings=str(recordings) if recordings else None,
     )
-    _show_log()
+    show_log()
     served = None if role is Role.ENGINE else served_rig(settings)
     service = Service(settings, served, engine=role is not Role.RIG, config_file=config)
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -71,7 +71,7 @@ def _overridden(config: Config, **options: object) -> Config:
     return parse_config(table, "the command line")
 
 
-def _show_log() -> None:
+def show_log() -> None:
     """What the service does, for people, on stderr."""
     log = logging.getLogger("viewsep.service")
     log.setLevel(logging.INFO)

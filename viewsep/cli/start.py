@@ -6,10 +6,11 @@ from typing import Annotated
 
 import typer
 
+from viewsep.cli.candidates import candidate_names
 from viewsep.cli.console import MAX_SEED, people, print_json
+from viewsep.cli.exit_codes import EXIT_INTERRUPTED
 from viewsep.cli.follow import exit_code, print_line, show_in, tell_result
 from viewsep.cli.live import LiveTable
-from viewsep.cli.separate import EXIT_INTERRUPTED, candidate_names
 from viewsep.cli.service_options import (
     AnswerTimeout,
     Certificate,

@@ -13,7 +13,7 @@ from typing import Any, Self
 
 import zenoh
 
-from viewsep.client.discovery import CONNECT, CONNECT_IMAGES, check_rig_name, open_session, seen_rigs
+from viewsep.client.discovery import CONNECT, check_rig_name, images_endpoints, open_session, seen_rigs
 from viewsep.client.errors import NoAnswer, RequestRefused
 from viewsep.client.queries import Answer, ask, put_together, read_status, said
 from viewsep.client.streams import Pictures, Received, Stream
@@ -231,9 +231,13 @@ class Client:
         self._listening.append(stream)
         return stream
 
-    def images(self, connect: Sequence[str] = CONNECT_IMAGES) -> Pictures:
-        """The newest pictures from now on, over a session of their own with `connect`; close it, or use a `with`."""
-        session = open_session(connect, self._keys, self._certificate, self.timeout_s)
+    def images(self, connect: Sequence[str] = ()) -> Pictures:
+        """The newest pictures from now on, over a session of their own; close it, or use it in a `with`.
+
+        `connect` are the endpoints, of which the first that answers is used; by default those that the manifest names.
+        """
+        where = tuple(connect) or images_endpoints(self.manifest(), self._connect)
+        session = open_session(where, self._keys, self._certificate, self.timeout_s)
         pictures = Pictures(session, self.rig)
         self._listening.append(pictures)
         return pictures

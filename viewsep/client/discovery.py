@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import zenoh
 
-from viewsep.client.errors import NoAnswer
+from viewsep.client.errors import BadReply, NoAnswer
 from viewsep.errors import BadInput, ViewsepError
 from viewsep.service.names import Keys
 from viewsep.service.transport import client_session
@@ -18,6 +19,7 @@ CONNECT = ("tcp/127.0.0.1:7447",)
 """Where a service on this machine listens."""
 CONNECT_IMAGES = ("tcp/127.0.0.1:7448",)
 """Where it listens for those who want pictures."""
+_ALL_ADDRESSES = re.compile(r"/(0\.0\.0\.0|\[::\]):")
 _RIG_NAME = re.compile(r"[A-Za-z0-9_.-]{1,64}")
 
 
@@ -54,6 +56,18 @@ def check_rig_name(name: str) -> None:
     """Raises BadInput for a name that no rig can have."""
     if not _RIG_NAME.fullmatch(name):
         raise BadInput(f"rig {name!r}: a rig's name has up to 64 letters, digits and . _ -; `viewsep rigs` lists them")
+
+
+def images_endpoints(manifest: Mapping[str, Any], connect: Sequence[str]) -> tuple[str, ...]:
+    """Where a manifest says that pictures are to be had, CONNECT_IMAGES where it does not say.
+
+    A rig that listens on all its addresses is reached by the host that `connect` begins with. Raises BadReply.
+    """
+    said = manifest.get("images", [])
+    if not isinstance(said, list) or not all(isinstance(text, str) for text in said):
+        raise BadReply(f"the manifest's 'images' = {said!r} is no list of endpoints: update viewsep")
+    host = connect[0].split("/", 1)[1].rpartition(":")[0]
+    return tuple(_ALL_ADDRESSES.sub(rf"/{host}:", text) for text in said) or CONNECT_IMAGES
 
 
 def seen_rigs(session: zenoh.Session, timeout_s: float) -> list[ServedRig]:

@@ -10,7 +10,6 @@ import numpy as np
 from viewsep.client.errors import NoAnswer, TaskLost
 from viewsep.client.streams import Received, Stream
 from viewsep.errors import RigError, Timeout, ViewsepError
-from viewsep.geometry import matrix_to_quaternion
 from viewsep.messages import Result
 from viewsep.service.status import MotionStatus, ResultStatus, Status
 
@@ -100,6 +99,8 @@ def _is_at(goal_deg: Sequence[float], motion: MotionStatus) -> bool:
 
 def as_status(task: str, result: Result) -> ResultStatus:
     """The result of `task` as the status would tell it, except for the recording."""
+    from viewsep.geometry import matrix_to_quaternion  # scipy is slow to import
+
     x, y, z, w = matrix_to_quaternion(result.rotation).tolist()
     return ResultStatus(
         task=task,

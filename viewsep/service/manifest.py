@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import json
+from collections.abc import Sequence
 from typing import Any
 
 from google.protobuf.message import Message as Protobuf
@@ -15,8 +16,11 @@ from viewsep.service.requests import REQUESTS
 from viewsep.service.status import Status
 
 
-def manifest(keys: Keys) -> bytes:
-    """The manifest, schema `viewsep.manifest/1`. Protobuf schemas are base64 of a FileDescriptorSet."""
+def manifest(keys: Keys, images: Sequence[str]) -> bytes:
+    """The manifest, schema `viewsep.manifest/1`. Protobuf schemas are base64 of a FileDescriptorSet.
+
+    `images` are the endpoints where the pictures of the role that answers are to be had, none where it has none.
+    """
     said: dict[str, Any] = {
         "schema": MANIFEST_SCHEMA,
         "name": keys.rig,
@@ -33,6 +37,7 @@ def manifest(keys: Keys) -> bytes:
             keys.key(topic): {"encoding": encoding(topic), "file_descriptor_set": _schema(schema)}
             for topic, schema in PUBLISHED.items()
         },
+        "images": list(images),
         "liveliness": [keys.alive(role) for role in Role],
         "attachment": "little-endian: sequence number on the key (uint64), ns on the rig's clock (int64)",
     }

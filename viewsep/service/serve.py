@@ -28,7 +28,7 @@ from viewsep.service.rig_server import RigServer
 from viewsep.service.served_rig import ServedRig
 from viewsep.service.status import Status
 from viewsep.service.streams import LogStream, Streams
-from viewsep.service.transport import Connections, serving_session
+from viewsep.service.transport import Connections, logged, serving_session
 
 log = logging.getLogger("viewsep.service")
 
@@ -99,7 +99,7 @@ class Service:
         settings, stack = self._config.service, self._open
         session = serving_session(settings, settings.listen, settings.connect)
         stack.callback(session.close)
-        connections = Connections(session, _log_connection)
+        connections = Connections(session, logged("control"))
         stack.callback(connections.undeclare)
         owners = Presence(session, self.keys.lease("*"), self._owner_gone)
         roles = Presence(session, self.keys.alive("*"), self._role_gone)
@@ -116,14 +116,21 @@ class Service:
 
     def _begin_rig(self, session: zenoh.Session, served: ServedRig, connections: Connections, owners: Presence) -> None:
         settings, stack = self._config.service, self._open
-        images = serving_session(settings, settings.listen_images, ())
+        images = serving_session(settings, settings.listen_images, settings.connect_images)
         stack.callback(images.close)
+        viewers = Connections(images, logged("images"))
+        stack.callback(viewers.undeclare)
         pictures = Streams(images, self.keys, (IMAGE_TOPIC,))
         stack.callback(pictures.close)
         streams = self._streams(session, Role.RIG, RIG_STREAMS)
         served.camera.on_frame(lambda frame: pictures.hear(frame.stamp_ns, frame))
         self._rig = RigRole(
-            served, streams, self._config.task.move_timeout_s, self.crash, owners.arrived, lambda: connections.names
+            served,
+            streams,
+            self._config.task.move_timeout_s,
+            self.crash,
+            owners.arrived,
+            lambda: tuple(sorted((*connections.names, *viewers.names))),
         )
         stack.callback(self._rig.close)
         self._rig.connect()
@@ -152,11 +159,17 @@ class Service:
         self._open.callback(log.removeHandler, handler)
         return streams
 
+    @property
+    def _images(self) -> tuple[str, ...]:
+        """Where this process's pictures are to be had; those of a router lead further than its own."""
+        service = self._config.service
+        return (*service.connect_images, *service.listen_images) if self._rig else ()
+
     def _answer(self, session: zenoh.Session) -> None:
         """Declare everything that can be asked for."""
         answers = {
             self.keys.status: lambda _: self.status().to_json(),
-            self.keys.manifest: lambda _: manifest(self.keys),
+            self.keys.manifest: lambda _: manifest(self.keys, self._images),
         }
         for role in (self._rig, self._engine):
             if role is not None:
@@ -205,7 +218,3 @@ class Service:
             log.warning("the role %s of %s has gone", role, self.keys.rig)
             if self._rig is not None and role == Role.ENGINE:
                 self._rig.engine_gone()
-
-
-def _log_connection(name: str, connected: bool) -> None:
-    log.info("%s %s", name, "connected" if connected else "disconnected")

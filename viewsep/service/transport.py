@@ -7,6 +7,7 @@ session lets everybody do what the register says, see `viewsep.service.access`.
 from __future__ import annotations
 
 import json
+import logging
 import re
 import socket
 from collections.abc import Callable, Sequence
@@ -15,15 +16,18 @@ from functools import cache
 from ipaddress import ip_address
 from pathlib import Path
 from threading import Lock
-from typing import Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import zenoh
 
-from viewsep.config import ServiceConfig
 from viewsep.errors import BadConfig, BadInput, RigError
 from viewsep.keys import CA, REGISTER, check_certificate, is_dns_name, read_register
 from viewsep.service.access import access_control
 
+if TYPE_CHECKING:  # clients are quick to start without it
+    from viewsep.config import ServiceConfig
+
+log = logging.getLogger("viewsep.service")
 MAX_MESSAGE_BYTES = 8 * 2**20
 """More than any picture: 1024 x 1024 pixels of noise are 3.3 MB as a JPEG of quality 98. Larger messages are lost."""
 LEASE_MS = 2000
@@ -101,16 +105,22 @@ def check_endpoint(text: str, key: str, secure: bool) -> Endpoint:
     return endpoint
 
 
-def serving_session(service: ServiceConfig, listen: Sequence[str], connect: Sequence[str]) -> zenoh.Session:
-    """A peer that listens and, in the background, keeps connecting to others, whether they are there yet or not.
+def serving_session(
+    service: ServiceConfig,
+    listen: Sequence[str],
+    connect: Sequence[str],
+    mode: Literal["peer", "router"] = "peer",
+) -> zenoh.Session:
+    """A peer, or a router, that listens and keeps connecting to others in the background, there yet or not.
 
     Raises BadConfig for endpoints and keys that cannot be used, BadInput when it cannot listen.
     """
     keys = Path(service.keys) if service.keys else None
     for text in listen:
         check_endpoint(text, _key_of(text, service), keys is not None)
-    _check_connect(connect, "service.connect", keys is not None)
-    settings = _settings("peer", listen, connect, keys, service.certificate)
+    key = "service.connect_images" if connect and connect == service.connect_images else "service.connect"
+    _check_connect(connect, key, keys is not None)
+    settings = _settings(mode, listen, connect, keys, service.certificate)
     settings["connect"] |= {"timeout_ms": -1, "exit_on_failure": False}
     settings["listen"] |= {"timeout_ms": 0, "exit_on_failure": True}
     if keys:
@@ -138,6 +148,11 @@ def client_session(connect: Sequence[str], keys: Path | None, certificate: str, 
         return _open(settings)
     except zenoh.ZError as error:
         raise NoAnswer(connect) from error
+
+
+def logged(session: str) -> Callable[[str, bool], None]:
+    """For `Connections`: a line in the service's log for everybody who comes or goes; `session` says where."""
+    return lambda name, came: log.info("%s %s (%s)", name, "connected" if came else "disconnected", session)
 
 
 class Connections:
