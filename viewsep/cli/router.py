@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import signal
-import threading
 from pathlib import Path
 from typing import Annotated
 
@@ -28,13 +26,13 @@ def router(
 
         viewsep router --config router.toml
     """
+    from viewsep.service.ending import Ending
     from viewsep.service.router import Router  # Zenoh is slow to import
 
     service = (load_config(config) if config else Config()).service
     show_log()
-    ended = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda _number, _frame: ended.set())
+    ending = Ending()
+    ending.on_signals()
     with Router(service):
         people.print(f"routing on {' '.join((*service.listen, *service.listen_images))}", soft_wrap=True)
-        ended.wait()
+        ending.wait()

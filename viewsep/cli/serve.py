@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import signal
 from pathlib import Path
 from typing import Annotated
 
@@ -55,12 +54,11 @@ def serve(
     show_log()
     served = None if role is Role.ENGINE else served_rig(settings)
     service = Service(settings, served, engine=role is not Role.RIG, config_file=config)
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda _number, _frame: service.end())
+    service.ending.on_signals()
     with service:
         at = " ".join(settings.service.listen)
         people.print(f"serving {settings.service.name} ({', '.join(service.roles)}) on {at}", soft_wrap=True)
-        service.wait()
+        service.ending.wait()
 
 
 def _overridden(config: Config, **options: object) -> Config:

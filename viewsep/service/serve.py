@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import threading
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
@@ -16,6 +15,7 @@ from viewsep.recordings.build import this_build
 from viewsep.recordings.codec import IMAGE_TOPIC
 from viewsep.recordings.queue import QueuedListener
 from viewsep.service.answering import declare_answer
+from viewsep.service.ending import Ending
 from viewsep.service.engine_role import EngineRole
 from viewsep.service.manifest import manifest
 from viewsep.service.names import ENGINE_STREAMS, RIG_STREAMS, Keys, Role
@@ -52,8 +52,7 @@ class Service:
         self._build = this_build()
         self._present: Callable[[], tuple[str, ...]] = tuple
         self._open = ExitStack()
-        self._ended = threading.Event()
-        self._crash: Exception | None = None
+        self.ending = Ending()
 
     @property
     def roles(self) -> tuple[Role, ...]:
@@ -73,21 +72,10 @@ class Service:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def wait(self) -> None:
-        """Return when `end` was called. Raises the error that ended the service, if one did."""
-        self._ended.wait()
-        if self._crash is not None:
-            raise self._crash
-
-    def end(self) -> None:
-        """Ask the service to end; from a signal handler or any thread."""
-        self._ended.set()
-
     def crash(self, error: Exception) -> None:
-        """End the service with an error nobody expected."""
+        """End the service with an error nobody expected; from any thread."""
         log.critical("the service ends: %s", error, exc_info=error)
-        self._crash = self._crash or error
-        self._ended.set()
+        self.ending.ask(error)
 
     def close(self) -> None:
         """Hold the position, end the task, undeclare everything, close the sessions. Safe to call twice."""
