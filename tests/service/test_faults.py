@@ -207,7 +207,7 @@ def test_a_line_between_engine_and_rig_that_is_cut(short: Mapping[str, Any], tmp
             else:
                 assert result.outcome == "failed"
                 assert "has not answered for 4 s" in result.reason
-                until(lambda: engine_of(near).link.up, 10, "the link does not come back")
+                until(lambda: (said := near.status().engine) and said.link.up, 10, "the link does not come back")
                 held(near, MARGIN_S)
                 task_works(near, engine.folder)
     finally:
