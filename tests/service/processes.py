@@ -53,6 +53,7 @@ class Serving:
     arguments: tuple[str, ...] = ()
     port: int = field(default_factory=free_port)
     image_port: int = field(default_factory=free_port)
+    environment: Mapping[str, str] = field(default_factory=dict)
     process: subprocess.Popen[bytes] | None = None
 
     @property
@@ -77,7 +78,13 @@ class Serving:
         with self._log_file.open("ab") as log:
             before = self._log_file.stat().st_size
             self.process = subprocess.Popen(
-                command, stdin=subprocess.DEVNULL, stdout=log, stderr=log, cwd=self.folder, start_new_session=True
+                command,
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=log,
+                cwd=self.folder,
+                start_new_session=True,
+                env={**os.environ, "PYTHONFAULTHANDLER": "1", **self.environment},
             )
         until(lambda: "serving " in self.log[before:] or self._gone(), STARTS_S, "the service does not start")
         assert not self._gone(), self.log
@@ -95,7 +102,7 @@ class Serving:
         try:
             return self.process.wait(timeout_s)
         except subprocess.TimeoutExpired:
-            self.process.kill()
+            self.send(signal.SIGABRT)  # writes where its threads are to the log
             self.process.wait()
             raise AssertionError(f"the service did not end within {timeout_s:g} s:\n{self.log}") from None
 
