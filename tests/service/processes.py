@@ -57,6 +57,7 @@ class Serving:
     command: str = "serve"
     port: int = field(default_factory=free_port)
     image_port: int = field(default_factory=free_port)
+    environment: Mapping[str, str] = field(default_factory=dict)
     process: subprocess.Popen[bytes] | None = None
 
     @property
@@ -94,7 +95,13 @@ class Serving:
         with self._log_file.open("ab") as log:
             before = self._log_file.stat().st_size
             self.process = subprocess.Popen(
-                command, stdin=subprocess.DEVNULL, stdout=log, stderr=log, cwd=self.folder, start_new_session=True
+                command,
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=log,
+                cwd=self.folder,
+                start_new_session=True,
+                env={**os.environ, "PYTHONFAULTHANDLER": "1", **self.environment},
             )
         until(
             lambda: any(word in self.log[before:] for word in ("serving ", "routing ")) or self._gone(),
@@ -116,7 +123,7 @@ class Serving:
         try:
             return self.process.wait(timeout_s)
         except subprocess.TimeoutExpired:
-            self.process.kill()
+            self.send(signal.SIGABRT)  # writes where its threads are to the log
             self.process.wait()
             raise AssertionError(f"the service did not end within {timeout_s:g} s:\n{self.log}") from None
 
@@ -187,7 +194,7 @@ def still(status: Status) -> tuple[float, ...]:
 def under_way(client: Client, looks: int = 5) -> str:
     """Wait until a task has taken some looks and the joints move; its name."""
     return until(
-        lambda: (said := engine_of(client)).looks >= looks and rig_of(client).motion.moving and said.task,
+        lambda: said.task if (said := engine_of(client)).looks >= looks and rig_of(client).motion.moving else "",
         30,
         "no task is under way",
     )

@@ -106,7 +106,7 @@ def test_a_rig_that_is_killed_fails_the_task_and_the_next_one_works(short: Mappi
         with pytest.raises(RequestRefused, match="the rig is not there") as lost:
             client.start()
         assert lost.value.code == "rig_lost"
-        again = Serving(tmp_path / "rig2", rig.settings, rig.arguments, rig.port, rig.image_port)
+        again = Serving(tmp_path / "rig2", rig.settings, rig.arguments, port=rig.port, image_port=rig.image_port)
         with serving(again):
             until(lambda: client.status().rig, 10, "the new rig is not seen")
             task_works(client, engine.folder)
@@ -207,7 +207,7 @@ def test_a_line_between_engine_and_rig_that_is_cut(short: Mapping[str, Any], tmp
             else:
                 assert result.outcome == "failed"
                 assert "has not answered for 4 s" in result.reason
-                until(lambda: engine_of(near).link.up, 10, "the link does not come back")
+                until(lambda: (said := near.status().engine) and said.link.up, 10, "the link does not come back")
                 held(near, MARGIN_S)
                 task_works(near, engine.folder)
     finally:

@@ -9,7 +9,7 @@ import zenoh
 
 from viewsep.errors import BadInput, RigError, ViewsepError
 from viewsep.service.names import JSON
-from viewsep.service.requests import Code, Refused, refused
+from viewsep.service.requests import REQUESTS, Code, Refused, parse_request, refused
 
 log = logging.getLogger("viewsep.service")
 
@@ -31,6 +31,25 @@ def declare_answer(session: zenoh.Session, key: str, answer: Answer, encoding: s
                 query.reply(key, payload, encoding=encoding)
 
     return session.declare_queryable(key, handle, complete=True)
+
+
+def declare_refusals(session: zenoh.Session, commands: str) -> zenoh.Queryable[None]:
+    """Refuse requests that nobody knows; `commands` is the key expression of all. Known ones are for who answers them.
+
+    It is not `complete`, so that Zenoh prefers those that answer one key.
+    """
+
+    def handle(query: zenoh.Query) -> None:
+        with query:
+            name = str(query.key_expr).rsplit("/", 1)[1]
+            if name in REQUESTS:
+                return
+            try:
+                parse_request(name, b"")
+            except Refused as error:
+                query.reply_err(refused(name, error), encoding=JSON)
+
+    return session.declare_queryable(commands, handle, complete=False)
 
 
 def _refusal(error: Exception, key: str) -> Refused:

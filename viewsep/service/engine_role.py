@@ -62,6 +62,7 @@ class EngineRole:
         self._task: RunningTask | None = None
         self._starting = ""
         self._stops = 0
+        self._searches: list[threading.Thread] = []
         self._result: ResultStatus | None = None
         self._recording = RecordingStatus(enabled=config.service.record)
         self._faults: tuple[str, ...] = ()
@@ -130,11 +131,14 @@ class EngineRole:
         return accepted("record", enabled=request.enabled, folder=self._config.service.recordings)
 
     def owner_gone(self, token: str) -> None:
-        """The client whose token this was has gone: its task ends and the position is held."""
+        """The client whose token this was is not seen any more: its task ends, unless it is seen again at once."""
         with self._lock:
-            if self._task is not None and token and self._task.order.token == token:
-                log.warning("the owner of %s has gone: holding position", self._task.order.name)
-                self._task.cancel(f"its owner, {self._task.order.owner}, has gone")
+            task = self._task
+            if task is None or not token or task.order.token != token or self._closing:
+                return
+            self._searches = [search for search in self._searches if search.is_alive()]
+            self._searches.append(threading.Thread(target=self._search_owner, args=(task,), name="viewsep owner"))
+            self._searches[-1].start()
 
     def status(self) -> EngineStatus:
         """The engine's section of the status."""
@@ -168,6 +172,19 @@ class EngineRole:
         self._learner.close()
         if task is not None and not task.join(CLOSING_S):
             raise RuntimeError(f"task {task.order.name} did not end within {CLOSING_S:g} s")
+        for search in self._searches:
+            search.join()
+
+    def _search_owner(self, task: RunningTask) -> None:
+        """Cancel a task whose owner stays away; while the rig is out of reach, owners behind it are not to be seen."""
+        while self._task is task:
+            in_reach = self._access.link().up
+            if self._present(task.order.token):  # waits a moment
+                return
+            if in_reach and self._access.link().up:
+                log.warning("the owner of %s has gone: holding position", task.order.name)
+                task.cancel(f"its owner, {task.order.owner}, has gone")
+                return
 
     def _check_open(self) -> None:
         if self._closing:

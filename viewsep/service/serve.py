@@ -14,7 +14,7 @@ from viewsep.config import Config
 from viewsep.recordings.build import this_build
 from viewsep.recordings.codec import IMAGE_TOPIC
 from viewsep.recordings.queue import QueuedListener
-from viewsep.service.answering import declare_answer
+from viewsep.service.answering import declare_answer, declare_refusals
 from viewsep.service.ending import Ending
 from viewsep.service.engine_role import EngineRole
 from viewsep.service.manifest import manifest
@@ -165,6 +165,7 @@ class Service:
         answers[self.keys.command("stop")] = self._stop
         for key, answer in answers.items():
             self._open.callback(declare_answer(session, key, answer).undeclare)
+        self._open.callback(declare_refusals(session, self.keys.command("*")).undeclare)
 
     def status(self) -> Status:
         """The sections of this process's roles."""
