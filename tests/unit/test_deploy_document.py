@@ -1,0 +1,26 @@
+"""The configurations in docs/deploy.md are valid."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from viewsep.config import parse_config
+from viewsep.service.transport import check_endpoint
+
+DOCUMENT = (Path(__file__).parents[2] / "docs" / "deploy.md").read_text(encoding="utf-8")
+BLOCKS = re.findall(r"```toml\n(.*?)```", DOCUMENT, re.DOTALL)
+
+
+def test_there_are_configurations() -> None:
+    assert len(BLOCKS) >= 3
+
+
+@pytest.mark.parametrize("block", BLOCKS)
+def test_a_configuration_is_valid(block: str) -> None:
+    service = parse_config(tomllib.loads(block), "docs/deploy.md").service
+    for endpoint in (*service.listen, *service.listen_images, *service.connect, *service.connect_images):
+        check_endpoint(endpoint, "service", bool(service.keys))
