@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import signal
+import subprocess
+import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -24,17 +27,22 @@ def test_who_knows_the_router_reaches_all_rigs(settings: Mapping[str, Any], tmp_
         return Serving(tmp_path / name, {**settings, "service": {**settings["service"], **behind}})
 
     one, two = rig("one"), rig("two")
-    options: dict[str, Any] = {"keys": keys, "certificate": "op"} if secure else {}
+    options: dict[str, Any] = {"timeout_s": 10.0, **({"keys": keys, "certificate": "op"} if secure else {})}
     who = "rig" if secure else "tcp/"
     with serving(one, router, two):
-        seen = until(lambda: rigs((router.endpoint,), **options)[1:], 20, "the second rig is not seen")
-        assert [rig.name for rig in seen] == ["two"]
+        until(lambda: len(rigs((router.endpoint,), **options)) == 2, 20, "two rigs are not seen")
+        typed = ["--connect", router.endpoint, *(["--keys", keys, "--as", "op"] if secure else [])]
+        command = [sys.executable, "-m", "viewsep", "rigs", "--json", *typed]
+        listed = json.loads(subprocess.run(command, capture_output=True, timeout=60, check=True).stdout)
+        assert listed == [{"name": name, "roles": ["engine", "rig"]} for name in ("one", "two")]
         with Client("one", (router.endpoint,), **options) as client:
             assert client.manifest()["images"] == [router.image_endpoint, one.image_endpoint]
             said = client.status()
             assert (said.name, said.alive) == ("one", ("engine", "rig"))
             with client.images() as pictures:
-                assert until(lambda: pictures.receive(0), 10, "no picture").decode().image.shape == (128, 128, 3)
+                picture = until(lambda: pictures.receive(0), 10, "no picture")
+                assert picture is not None
+                assert picture.decode().image.shape == (128, 128, 3)
                 assert until(lambda: "images" in router.log, 5, "nobody is logged")
             client.move(joints_deg=(5.0, 6.0))
         with Client("two", (router.endpoint,), **options) as client:

@@ -22,5 +22,6 @@ def test_there_are_configurations() -> None:
 @pytest.mark.parametrize("block", BLOCKS)
 def test_a_configuration_is_valid(block: str) -> None:
     service = parse_config(tomllib.loads(block), "docs/deploy.md").service
-    for endpoint in (*service.listen, *service.listen_images, *service.connect, *service.connect_images):
-        check_endpoint(endpoint, "service", bool(service.keys))
+    for key in {"listen", "listen_images", "connect", "connect_images"} & service.model_fields_set:
+        for endpoint in getattr(service, key):
+            check_endpoint(endpoint, key, bool(service.keys))
