@@ -30,7 +30,8 @@ contracts: env
 	$(BIN)/lint-imports
 
 unit: env
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -m "not alone" --numprocesses auto --dist loadfile
+	$(BIN)/python -m pytest -m alone
 
 wheel: env
 	$(BIN)/python tests/wheel_install.py
