@@ -165,6 +165,7 @@ RING = (
 )
 
 
+@pytest.mark.alone
 def test_a_slow_viewer_does_not_slow_down_the_status(settings: Mapping[str, Any], tmp_path: Path) -> None:
     at_work = {**settings["service"], "speed": 1.0}
     service = Serving(tmp_path, {**settings, "camera": {"rate_hz": 30.0}, "service": at_work})
