@@ -12,6 +12,7 @@ from pathlib import Path
 import zenoh
 
 from viewsep.config import Config
+from viewsep.errors import ViewsepError
 from viewsep.recordings.build import this_build
 from viewsep.recordings.codec import IMAGE_TOPIC
 from viewsep.recordings.queue import QueuedListener
@@ -74,10 +75,11 @@ class Service:
         self.close()
 
     def wait(self) -> None:
-        """Return when `end` was called. Raises the error that ended the service, if one did."""
+        """Return when `end` was called. Raises ViewsepError when an error that nobody expected ended the service."""
         self._ended.wait()
         if self._crash is not None:
-            raise self._crash
+            said = f"{type(self._crash).__name__}: {self._crash}"
+            raise ViewsepError(f"the service was ended by a bug, {said}; its log says more") from self._crash
 
     def end(self) -> None:
         """Ask the service to end; from a signal handler or any thread."""
