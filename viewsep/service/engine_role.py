@@ -220,8 +220,8 @@ class EngineRole:
                 self._check_open()
                 if self._stops != stops:
                     raise Refused(Code.BUSY, "somebody stopped the rig while the task was about to begin: start again")
+                task.start()  # when no thread can be had, there is no task
                 self._task, self._faults = task, ()
-                task.start()
         except BaseException:
             rig.motion.close()
             raise
@@ -248,17 +248,22 @@ class EngineRole:
             assert task is not None
             order, recorder = task.order, task.recorder
             self._recording = self._recording_now().model_copy(update={"open": False})
+            record = str(order.record) if order.record and order.record.exists() else None  # else it is a `.part`
             if result is not None:
-                self._result = result_status(order.name, result, str(order.record) if order.record else None)
+                self._result = result_status(order.name, result, record)
             else:
                 self._board.idle()
-                self._result = ResultStatus(task=order.name, outcome="failed", object=None, reason=str(error))
+                self._result = ResultStatus(
+                    task=order.name, outcome="failed", object=None, reason=str(error), recording=record
+                )
             log.info("task %s: %s %s (%s)", order.name, self._result.outcome, self._result.object, self._result.reason)
             if error is not None:
                 self._faults = (f"task {order.name}: {error}",)
                 log.error("task %s: %s", order.name, error)
-            elif recorder is not None and recorder.lost:
-                self._faults = (f"{order.record}: {recorder.lost} messages are missing from the recording",)
+            if recorder is not None and recorder.lost:
+                why = recorder.error or "it could not keep up"
+                missing = f"{order.record}: {recorder.lost} messages are missing from the recording: {why}"
+                self._faults = (*self._faults, missing)
             self._task = None
 
     def _recording_now(self) -> RecordingStatus:

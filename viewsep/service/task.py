@@ -91,11 +91,13 @@ class RunningTask:
                 if self.order.record is not None:
                     self.recorder = stack.enter_context(self._recording(self.order.record))
                     listeners = (*listeners, self.recorder)
+                    stack.callback(self._rig.motion.close)  # at once, as completing the recording takes a while
                 result = self._make_session(listeners).run(self.order.seed)
         except Exception as error:
             failed = error
             if not isinstance(error, ViewsepError):
                 log.error("task %s ended by a bug", self.order.name, exc_info=error)
+                failed = ViewsepError(f"ended by a bug, {type(error).__name__}: {error}; the log says more")
         self._on_end(result, failed)
 
     def _make_session(self, listeners: Sequence[Listener]) -> Session:
