@@ -161,13 +161,13 @@ def test_a_driver_with_a_bug_ends_the_service_in_good_order(short: Mapping[str, 
     )
     watchdog = threading.Timer(60, lambda: os.abort())
     watchdog.start()
-    with pytest.raises(ViewsepError, match="ended by a bug, KeyError: 'a register") as ended:  # noqa: SIM117
+    with pytest.raises(ViewsepError, match="ended by a bug, KeyError: 'a register") as ended:  # noqa: PT012, SIM117
         with Service(config, served, engine=True) as service:
             with Client("bench", connect=(endpoint,)) as client:
                 client.start(seed=1, detach=True)
                 under_way(client)
             driver.broken.set()
-            service.wait()
+            service.ending.wait()
     watchdog.cancel()
     watchdog.join()
     assert ended.value.exit_code == 1

@@ -30,4 +30,4 @@ class Ending:
         """Return when the end was asked for. Raises ViewsepError when an error was the reason."""
         error = self._asked.get()
         if error is not None:
-            raise ViewsepError(f"ended by a bug ({type(error).__name__}: {error}); the log says more") from error
+            raise ViewsepError(f"ended by a bug, {type(error).__name__}: {error}; the log says more") from error
