@@ -59,6 +59,7 @@ class Serving:
     image_port: int = field(default_factory=free_port)
     environment: Mapping[str, str] = field(default_factory=dict)
     process: subprocess.Popen[bytes] | None = None
+    _said_before: int = 0
 
     @property
     def endpoint(self) -> str:
@@ -88,12 +89,18 @@ class Serving:
 
     def start(self) -> Serving:
         """Start the process and wait until it says that it serves."""
+        self.launch()
+        self.wait_until_served()
+        return self
+
+    def launch(self) -> None:
+        """Start the process."""
         self.folder.mkdir(parents=True, exist_ok=True)
         config = self.folder / f"serve-{self.port}.toml"
         config.write_text(self._toml(), encoding="utf-8")
         command = [sys.executable, "-m", "viewsep", self.command, "--config", str(config), *self.arguments]
         with self._log_file.open("ab") as log:
-            before = self._log_file.stat().st_size
+            self._said_before = self._log_file.stat().st_size
             self.process = subprocess.Popen(
                 command,
                 stdin=subprocess.DEVNULL,
@@ -103,13 +110,13 @@ class Serving:
                 start_new_session=True,
                 env={**os.environ, "PYTHONFAULTHANDLER": "1", **self.environment},
             )
-        until(
-            lambda: any(word in self.log[before:] for word in ("serving ", "routing ")) or self._gone(),
-            STARTS_S,
-            "the service does not start",
-        )
+
+    def wait_until_served(self) -> None:
+        """Wait until it says that it serves."""
+        says = "the service does not start"
+        words = ("serving ", "routing ")
+        until(lambda: any(word in self.log[self._said_before :] for word in words) or self._gone(), STARTS_S, says)
         assert not self._gone(), self.log
-        return self
 
     def send(self, number: int) -> None:
         """Send a signal to the process."""
@@ -150,16 +157,29 @@ class Serving:
 
 @contextmanager
 def serving(*services: Serving) -> Iterator[None]:
-    """Start them in order; afterwards those that still run are ended."""
+    """Start them at the same time; afterwards those that still run are ended."""
     try:
         for service in services:
-            service.start()
+            service.launch()
+        for service in services:
+            service.wait_until_served()
         yield
     finally:
         for service in reversed(services):
             if service.process is not None and service.process.poll() is None:
                 service.send(signal.SIGCONT)
                 service.end()
+
+
+@contextmanager
+def running(script: str, *arguments: str) -> Iterator[subprocess.Popen[str]]:
+    """A Python script in a process of its own that is killed at the end, also when it stands still."""
+    typed = [sys.executable, "-c", script, *arguments]
+    with subprocess.Popen(typed, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
 
 
 def split(settings: Mapping[str, Any], folder: Path, connect: str = "", **service: Any) -> tuple[Serving, Serving]:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import signal
-import subprocess
-import sys
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -20,6 +18,7 @@ from processes import (
     engine_of,
     held,
     rig_of,
+    running,
     serving,
     split,
     under_way,
@@ -38,7 +37,7 @@ STOPPED_S = 3.0
 @pytest.fixture
 def short(settings: Mapping[str, Any]) -> Mapping[str, Any]:
     """Tasks of a few seconds; a move may wait for as long as the rig is out of reach, on a clock that runs fast."""
-    return {**settings, "task": {"max_looks": 40, "move_timeout_s": 200.0}}
+    return {**settings, "task": {"max_looks": 40, "move_timeout_s": 200.0}, "camera": {"rate_hz": 8.0, "size_px": 64}}
 
 
 def say(what: str, seconds: float) -> None:
@@ -120,7 +119,7 @@ def test_a_detached_task_goes_on_without_its_client(short: Mapping[str, Any], tm
             f"c = Client('bench', connect=('{service.endpoint}',), owner='ana').__enter__()\n"
             "print(c.start(seed=1, detach=True), flush=True); time.sleep(60)\n"
         )
-        with subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE, text=True) as owner:
+        with running(script) as owner:
             assert owner.stdout is not None
             task = owner.stdout.readline().strip()
             under_way(client)
@@ -162,7 +161,7 @@ def test_a_viewer_that_stands_still_slows_nobody_down(short: Mapping[str, Any], 
             "next(iter(pictures)); print('sees', flush=True)\n"
             "while True: pictures.receive(0.02); stream.receive(0.02)\n"
         )
-        with subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE, text=True) as viewer:
+        with running(script) as viewer:
             assert viewer.stdout is not None
             assert viewer.stdout.readline() == "sees\n"
             task = client.start(seed=1)
@@ -179,15 +178,14 @@ def test_a_viewer_that_stands_still_slows_nobody_down(short: Mapping[str, Any], 
             viewer.send_signal(signal.SIGCONT)
             result = client.wait(task, timeout_s=60)
             assert viewer.poll() is None
-            viewer.kill()
         assert result.outcome in ENDS, result.reason
         complete(result, service.folder)
         assert engine_of(client).recording.lost == 0
 
 
-@pytest.mark.parametrize("cut_s", [1.0, 8.0])
+@pytest.mark.parametrize("cut_s", [1.0, 4.5])
 def test_a_line_between_engine_and_rig_that_is_cut(short: Mapping[str, Any], tmp_path: Path, cut_s: float) -> None:
-    rig, engine = split(short, tmp_path, lease_s=0.5, resume_s=4.0)
+    rig, engine = split(short, tmp_path, lease_s=0.5, resume_s=2.5)
     line = Line(rig.endpoint)
     engine.settings = {**engine.settings, "service": {**engine.settings["service"], "connect": [line.endpoint]}}
     try:
@@ -201,12 +199,12 @@ def test_a_line_between_engine_and_rig_that_is_cut(short: Mapping[str, Any], tmp
             line.mend()
             result = far.wait(task, timeout_s=60)
             complete(result, engine.folder)
-            if cut_s < 4.0:
+            if cut_s < 2.5:
                 assert result.outcome in ENDS, result.reason
                 assert engine_of(far).recording.lost == 0
             else:
                 assert result.outcome == "failed"
-                assert "has not answered for 4 s" in result.reason
+                assert "has not answered for 2.5 s" in result.reason
                 until(lambda: (said := near.status().engine) and said.link.up, 10, "the link does not come back")
                 held(near, MARGIN_S)
                 task_works(near, engine.folder)

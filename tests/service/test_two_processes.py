@@ -57,7 +57,7 @@ def test_whatever_a_look_sends_the_object_is_found(settings: Mapping[str, Any], 
 
 def test_the_order_of_starting_does_not_matter(settings: Mapping[str, Any], tmp_path: Path) -> None:
     rig, engine = split(settings, tmp_path)
-    with serving(engine, rig), engine.client() as client:
+    with serving(engine), serving(rig), engine.client() as client:
         until(lambda: client.status().rig, 10, "the rig is not there")
         task = client.start(seed=1)
         client.cancel()
