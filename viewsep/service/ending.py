@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import signal
-from queue import SimpleQueue
+from contextlib import suppress
+from queue import Empty, SimpleQueue
 
 from viewsep.errors import ViewsepError
+
+POLL_S = 0.1  # a signal that the system gives to another thread does not wake the main one
 
 
 class Ending:
@@ -28,6 +31,9 @@ class Ending:
 
     def wait(self) -> None:
         """Return when the end was asked for. Raises ViewsepError when an error was the reason."""
-        error = self._asked.get()
+        while True:
+            with suppress(Empty):
+                error = self._asked.get(timeout=POLL_S)
+                break
         if error is not None:
             raise ViewsepError(f"ended by a bug, {type(error).__name__}: {error}; the log says more") from error

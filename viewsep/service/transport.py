@@ -32,6 +32,10 @@ MAX_MESSAGE_BYTES = 8 * 2**20
 """More than any picture: 1024 x 1024 pixels of noise are 3.3 MB as a JPEG of quality 98. Larger messages are lost."""
 LEASE_MS = 2000
 """A link that is silent for so long is dead; keep-alives are four times as frequent."""
+_QUEUE = {
+    "size": {"data": 16, "data_low": 2},  # batches of 64 kB: what is reliable fits into them for longer than a lease
+    "congestion_control": {"block": {"wait_before_close": 200_000}},  # microseconds that a full queue stops everybody
+}
 SECURE = ("tls", "quic")
 _RETRY = {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 2}
 _ENDPOINT = re.compile(r"(?P<protocol>[a-z]+)/(?P<host>\[[0-9A-Fa-f:.]+\]|[A-Za-z0-9.-]+):(?P<port>[0-9]{1,5})")
@@ -198,7 +202,7 @@ def _settings(
 ) -> dict[str, Any]:
     link: dict[str, Any] = {
         "protocols": list(SECURE) if keys else ["tcp"],
-        "tx": {"lease": LEASE_MS, "keep_alive": 4},
+        "tx": {"lease": LEASE_MS, "keep_alive": 4, "queue": _QUEUE},
         "rx": {"max_message_size": MAX_MESSAGE_BYTES},
     }
     if keys:
