@@ -164,9 +164,7 @@ def running(script: str, *arguments: str) -> Iterator[subprocess.Popen[str]]:
             process.kill()
 
 
-def split(
-    settings: Mapping[str, Any], folder: Path, connect: str = "", **service: Any
-) -> tuple[Serving, Serving]:
+def split(settings: Mapping[str, Any], folder: Path, connect: str = "", **service: Any) -> tuple[Serving, Serving]:
     """The two processes of one rig; the engine's connects to the rig's endpoint, or to another one."""
     common = {**settings, "service": {**settings["service"], **service}}
     rig = Serving(folder / "rig", common, ("--role", "rig"))

@@ -65,7 +65,9 @@ def asking(service: Serving) -> Iterator[zenoh.Session]:
 def refusal(session: zenoh.Session, command: str, payload: bytes, timeout_s: float = 5.0) -> dict[str, Any] | None:
     """The one error reply, None when there is none."""
     replies = list(session.get(BENCH.command(command), payload=payload, timeout=timeout_s))
-    said = [json.loads(reply.err.payload.to_bytes()) for reply in replies if reply.err and reply.err.payload != b"Timeout"]
+    said = [
+        json.loads(reply.err.payload.to_bytes()) for reply in replies if reply.err and reply.err.payload != b"Timeout"
+    ]
     assert not any(reply.ok for reply in replies)
     return said[0] if said else None
 

@@ -15,8 +15,8 @@ from viewsep.messages import Frame, Message
 from viewsep.recordings.codec import IMAGE_TOPIC, encode, encode_picture, serialise
 from viewsep.service.names import LOG, Keys, attachment, encoding
 
-DROPPED = frozenset({IMAGE_TOPIC, "motion/state", LOG})
-"""Streams of which only the newest counts: a link that cannot keep up loses messages of these instead of waiting."""
+NEWEST = frozenset({IMAGE_TOPIC, "motion/state", LOG})
+"""Streams of which only the newest counts: a link that cannot keep up loses these first."""
 LEVELS = {
     logging.DEBUG: Log.DEBUG,
     logging.INFO: Log.INFO,
@@ -84,10 +84,10 @@ def _watched(publisher: zenoh.Publisher) -> bool:
 
 
 def _publisher(session: zenoh.Session, keys: Keys, topic: str) -> zenoh.Publisher:
-    drops = topic in DROPPED
+    """Nothing waits for a link that cannot keep up: while Zenoh waits, nobody else is answered either."""
     return session.declare_publisher(
         keys.key(topic),
         encoding=encoding(topic),
-        congestion_control=zenoh.CongestionControl.DROP if drops else zenoh.CongestionControl.BLOCK,
-        priority=zenoh.Priority.DATA_LOW if drops else zenoh.Priority.DATA,
+        congestion_control=zenoh.CongestionControl.DROP,
+        priority=zenoh.Priority.DATA_LOW if topic in NEWEST else zenoh.Priority.DATA,
     )
