@@ -195,11 +195,12 @@ def still(status: Status) -> tuple[float, ...]:
 
 def under_way(client: Client, looks: int = 5) -> str:
     """Wait until a task has taken some looks and the joints move; its name."""
-    return until(
-        lambda: (said := engine_of(client)).looks >= looks and rig_of(client).motion.moving and said.task,
-        30,
-        "no task is under way",
-    )
+
+    def task() -> str:
+        said = engine_of(client)
+        return said.task if said.looks >= looks and rig_of(client).motion.moving else ""
+
+    return until(task, 30, "no task is under way")
 
 
 def held(client: Client, within_s: float) -> float:

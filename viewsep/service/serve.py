@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import threading
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
@@ -32,6 +31,7 @@ from viewsep.service.streams import LogStream, Streams
 from viewsep.service.transport import Connections, serving_session
 
 log = logging.getLogger("viewsep.service")
+LOOK_S = 0.05
 
 
 class Service:
@@ -53,7 +53,7 @@ class Service:
         self._build = this_build()
         self._present: Callable[[], tuple[str, ...]] = tuple
         self._open = ExitStack()
-        self._ended = threading.Event()
+        self._ended = False
         self._crash: Exception | None = None
 
     @property
@@ -76,20 +76,21 @@ class Service:
 
     def wait(self) -> None:
         """Return when `end` was called. Raises ViewsepError when an error that nobody expected ended the service."""
-        self._ended.wait()
+        while not self._ended:  # no lock: a signal that another thread gets does not end waiting for one
+            time.sleep(LOOK_S)
         if self._crash is not None:
             said = f"{type(self._crash).__name__}: {self._crash}"
             raise ViewsepError(f"the service was ended by a bug, {said}; its log says more") from self._crash
 
     def end(self) -> None:
         """Ask the service to end; from a signal handler or any thread."""
-        self._ended.set()
+        self._ended = True
 
     def crash(self, error: Exception) -> None:
         """End the service with an error nobody expected."""
         log.critical("the service ends: %s", error, exc_info=error)
         self._crash = self._crash or error
-        self._ended.set()
+        self._ended = True
 
     def close(self) -> None:
         """Hold the position, end the task, undeclare everything, close the sessions. Safe to call twice."""

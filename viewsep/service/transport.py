@@ -31,8 +31,8 @@ LEASE_MS = 2000
 """A link that is silent for so long is dead; keep-alives are four times as frequent."""
 SECURE = ("tls", "quic")
 THREADS = "(rx: (worker_threads: 8), tx: (worker_threads: 8), net: (worker_threads: 8))"
-"""Of Zenoh, per kind of work. A link to somebody who stands still blocks one thread of a kind while it is closed, and with
-the one or two that Zenoh has by default nobody else is answered meanwhile."""
+"""Of Zenoh, per kind of work. A link to somebody who stands still blocks one thread of a kind while it is closed, and
+with the one or two that Zenoh has by default nobody else is answered meanwhile."""
 _RETRY = {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 2}
 _ENDPOINT = re.compile(r"(?P<protocol>[a-z]+)/(?P<host>\[[0-9A-Fa-f:.]+\]|[A-Za-z0-9.-]+):(?P<port>[0-9]{1,5})")
 _REASON = re.compile(r"([A-Z][A-Za-z ]+) \(os error \d+\)")
