@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import resource
+import signal
 import socket
 import threading
 from collections.abc import Mapping
@@ -161,7 +162,7 @@ def test_a_driver_with_a_bug_ends_the_service_in_good_order(short: Mapping[str, 
     )
     watchdog = threading.Timer(60, lambda: os.abort())
     watchdog.start()
-    with pytest.raises(ViewsepError, match="ended by a bug, KeyError: 'a register") as ended:  # noqa: PT012, SIM117
+    with pytest.raises(ViewsepError, match="ended by a bug, KeyError: 'a register") as ended:  # noqa: SIM117, PT012
         with Service(config, served, engine=True) as service:
             with Client("bench", connect=(endpoint,)) as client:
                 client.start(seed=1, detach=True)
@@ -178,3 +179,11 @@ def test_a_driver_with_a_bug_ends_the_service_in_good_order(short: Mapping[str, 
             pass
     assert len(list((tmp_path / "recordings").glob("*.mcap"))) == 1
     assert not list((tmp_path / "recordings").glob("*.part"))
+
+
+def test_a_signal_that_another_thread_gets_ends_the_service(short: Mapping[str, Any], tmp_path: Path) -> None:
+    service = Serving(tmp_path, short)
+    with serving(service):
+        for _ in range(20):
+            service.send(signal.SIGCONT)  # while one is pending, the kernel gives the next to another thread
+        assert service.end() == 0

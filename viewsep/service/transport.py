@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import logging
+import os
 import re
 import socket
 from collections.abc import Callable, Sequence
@@ -37,6 +38,9 @@ _QUEUE = {
     "congestion_control": {"block": {"wait_before_close": 200_000}},  # microseconds that a full queue stops everybody
 }
 SECURE = ("tls", "quic")
+THREADS = "(rx: (worker_threads: 8), tx: (worker_threads: 8), net: (worker_threads: 8))"
+"""Of Zenoh, per kind of work. A link to somebody who stands still blocks one thread of a kind while it is closed, and
+with the one or two that Zenoh has by default nobody else is answered meanwhile."""
 _RETRY = {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 2}
 _ENDPOINT = re.compile(r"(?P<protocol>[a-z]+)/(?P<host>\[[0-9A-Fa-f:.]+\]|[A-Za-z0-9.-]+):(?P<port>[0-9]{1,5})")
 _REASON = re.compile(r"([A-Z][A-Za-z ]+) \(os error \d+\)")
@@ -256,13 +260,14 @@ def _key_of(text: str, service: ServiceConfig) -> str:
 
 
 def _open(settings: dict[str, Any]) -> zenoh.Session:
-    _keep_quiet()
+    _prepare()
     return zenoh.open(zenoh.Config.from_json5(json.dumps(settings)))
 
 
 @cache
-def _keep_quiet() -> None:
-    """Zenoh says nothing unless RUST_LOG asks for it: what a user must know is in our errors."""
+def _prepare() -> None:
+    """Zenoh says nothing unless RUST_LOG asks for it: what a user must know is in our errors. It has enough threads."""
+    os.environ.setdefault("ZENOH_RUNTIME", THREADS)  # it is read once, before the first session
     zenoh.init_log_from_env_or("off")
 
 
