@@ -28,6 +28,7 @@ GROWTH_MB = 50.0
 ASKED = 300
 PERIOD_S = 0.02
 P99_S = 0.02
+SLOWED = 2.0
 ROUNDS = 5
 NONSENSE = {
     "no payload": ("start", b"", "bad_json"),
@@ -178,7 +179,8 @@ def test_a_slow_viewer_does_not_slow_down_the_status(settings: Mapping[str, Any]
                 assert viewer.poll() is None
     figures = ", ".join(f"{name} {1e3 * p99:.1f}" for name, p99 in best.items())
     print(f"\nstatus, best p99 in ms with a viewer that is: {figures}", end="")  # noqa: T201
-    assert max(best["ring"], best["plain"]) <= P99_S, figures
+    allowed_s = max(P99_S, SLOWED * best["nobody"])  # where the machine itself is slow, only the ratio says anything
+    assert max(best["ring"], best["plain"]) <= allowed_s, figures
 
 
 def best_p99_s(client: Client) -> float:

@@ -25,8 +25,8 @@ from viewsep.service.transport import client_session
 
 NAME = "bench"
 STARTS_S = 30.0
-MOVES = 12
-MOVE_DEG = 25.0
+MOVES = 10
+MOVE_DEG = 10.0
 SLOW_VIEWER_S = 0.1  # what the slow viewer takes for a picture
 CLOCK_SAMPLES = 30
 Figures = Mapping[str, Mapping[str, float]]

@@ -6,12 +6,14 @@ import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import pytest
+from processes import Serving, rig_of, serving
 from served_rig import ServedRig, free_port
 
 from viewsep.keys import KeyRole, init_keys, issue
@@ -89,6 +91,23 @@ def test_without_keys_nobody_outside_reaches_the_rig(other: OtherComputer) -> No
     assert "ConnectionRefusedError" in refused.stderr
     assert (rig.links, rig.saw) == ([], [])
     rig.close()
+
+
+def test_a_service_with_default_settings_is_not_reached_from_outside(
+    other: OtherComputer, settings: Mapping[str, Any], tmp_path: Path
+) -> None:
+    service = Serving(tmp_path, settings)
+    with serving(service), service.client() as client:
+        before = rig_of(client)
+        for port in (service.port, service.image_port):
+            assert "ConnectionRefusedError" in other.run(PLUG, HERE, str(port)).stderr
+        assert "Unable to connect" in other.run(STRANGER, f"tcp/{HERE}:{service.port}", "").stderr
+        after = rig_of(client)
+    assert after.connections == before.connections
+    assert all(who.startswith("tcp/127.0.0.1:") for who in after.connections)
+    assert (after.motion.joints, after.motion.holder) == (before.motion.joints, "")
+    assert HERE not in service.log
+    assert THERE not in service.log
 
 
 def test_with_keys_a_stranger_outside_is_not_let_in_and_an_operator_is(other: OtherComputer, tmp_path: Path) -> None:
