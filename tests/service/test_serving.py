@@ -112,6 +112,20 @@ def test_moves_arrive_and_what_cannot_be_reached_is_refused(service: Serving) ->
         assert refusal.value.code == "unreachable"
 
 
+def test_moves_one_right_after_the_other_all_arrive(settings: Mapping[str, Any], tmp_path: Path) -> None:
+    service = Serving(tmp_path, {**settings, "service": {**settings["service"], "speed": 1.0}})
+    with serving(service), service.client() as client:
+        for number in range(16):  # the next is asked for before the rig has noticed that the last one has arrived
+            angle = 3.0 * (number % 2)
+            client.settle(client.move(joints_deg=(angle, angle)), timeout_s=20)
+            assert still(client.status()) == pytest.approx((angle, angle), abs=0.5)
+        for angle in (30.0, -20.0, 10.0):  # each takes the place of the one before
+            goal = client.move(joints_deg=(angle, angle))
+        client.settle(goal, timeout_s=20)
+        assert still(client.status()) == pytest.approx((10.0, 10.0), abs=0.5)
+        until(lambda: rig_of(client).motion.holder == "", 10, "the lease is not given back")
+
+
 def test_models_are_learned_while_the_service_runs(settings: Mapping[str, Any], tmp_path: Path) -> None:
     own = {"service": {**settings["service"], "library": str(tmp_path / "new")}}
     service = Serving(tmp_path, own)

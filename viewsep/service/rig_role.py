@@ -196,19 +196,21 @@ class RigRole:
             raise Refused(Code.UNREACHABLE, str(error)) from error
 
     def _begin_move(self, command: str, owner: str, token: str, goal: Sequence[float]) -> bytes:
+        """Start a move; it replaces one of the same owner that is under way. Raises Refused."""
         if self._closing.is_set():
             raise Refused(Code.UNAVAILABLE, "the service is shutting down")
         check_present(token, self._present)
-        holder = f"{command} of {owner}"
-        self._served.motion.acquire(holder)
-        try:
-            setpoint = self._served.motion.commanded_by(holder).move_to(goal)
-        except RigError as error:
-            self._served.motion.release(holder)
-            raise Refused(Code.UNREACHABLE, str(error)) from error
-        move = _Move(holder, owner, token, tuple(setpoint))
+        holder = f"a move of {owner}"
         with self._lock:
-            self._move = move
+            replaces = self._move is not None and self._move.holder == holder
+            self._served.motion.acquire(holder)
+            try:
+                setpoint = self._served.motion.commanded_by(holder).move_to(goal)
+            except RigError as error:
+                if not replaces:
+                    self._served.motion.release(holder)
+                raise Refused(Code.UNREACHABLE, str(error)) from error
+            self._move = move = _Move(holder, owner, token, tuple(setpoint))
         self._spawn(lambda: self._watch(move), "viewsep move")
         if token and not self._present(token):  # it went away while the move began
             self.owner_gone(token)
@@ -220,22 +222,25 @@ class RigRole:
         motion = self._served.motion.commanded_by(move.holder)
         deadline_ns = clock.now_ns() + round(self._move_timeout_s * 1e9)
         try:
-            while not self._closing.is_set():
+            while self._move is move and not self._closing.is_set():
                 clock.sleep_until(clock.now_ns() + POLL_NS)
                 state = motion.read_state()
                 away = max(abs(q - goal) for q, goal in zip(state.position_rad, move.setpoint_rad, strict=True))
                 if not state.moving and away < SETTLED_RAD:
                     return
                 if clock.now_ns() > deadline_ns:
-                    motion.stop()
                     log.error("%s did not settle within %g s: stopped", move.holder, self._move_timeout_s)
                     return
         except RigError as error:
             log.warning("%s ended: %s", move.holder, error)
         finally:
-            with self._lock:
+            self._end_move(move)
+
+    def _end_move(self, move: _Move) -> None:
+        """Stop and give the lease back, unless another move has replaced this one."""
+        with self._lock, suppress(RigError):  # the status tells of an error
+            if self._move is move:
                 self._move = None
-            with suppress(RigError):  # the status tells of it
                 self._served.motion.release(move.holder)
 
     def _publish_read_backs(self) -> None:
