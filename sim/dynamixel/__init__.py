@@ -1,0 +1,1 @@
+"""Emulated DYNAMIXEL servos of the X series: what a serial port sees of them, byte for byte."""
