@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 from viewsep.errors import RigError
+from viewsep.sim.dynamixel.behaviour import OVERLOAD_ALERT
 from viewsep.sim.dynamixel.faults import OF_REPLIES, Fault, FaultScript, Kind
 from viewsep.sim.dynamixel.instructions import Obedience, words
 from viewsep.sim.dynamixel.packets import (
@@ -21,7 +22,7 @@ from viewsep.sim.dynamixel.packets import (
     crc16,
     encode,
 )
-from viewsep.sim.dynamixel.servo import OVERLOAD_ALERT, EmulatedServo
+from viewsep.sim.dynamixel.servo import EmulatedServo
 
 RETURN_DELAY_S = 2e-6  # unit of Return Delay Time
 PING_STAGGER_S = 0.002  # between the ids answering a ping to all
@@ -201,7 +202,7 @@ class BusFaults(FaultScript):
             elif fault.kind == Kind.STUCK:
                 servo.hold_fast(now_ns)
             elif fault.kind == Kind.OVERLOAD:
-                servo.raise_alert(now_ns, OVERLOAD_ALERT)
+                servo.set_alert(OVERLOAD_ALERT, now_ns)
             else:
                 self._bus.unplug()
 
