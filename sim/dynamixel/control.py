@@ -128,7 +128,7 @@ def effort(registers: Registers, stretch: Stretch, stamp_ns: int, load: float, f
     elif mode == VELOCITY:
         asked = math.copysign(1.0, stretch.motion.velocity_at(seconds))
     else:
-        asked = (stretch.motion.position_at(seconds) - stretch.position(stamp_ns)) / FULL_EFFORT_COUNTS
+        asked = load + (stretch.motion.position_at(seconds) - stretch.position(stamp_ns)) / FULL_EFFORT_COUNTS
     return max(-limit, min(limit, asked))
 
 
@@ -139,11 +139,11 @@ def strained_s(registers: Registers, stretch: Stretch, load: float, full_current
         return math.inf
     if mode in (PWM, CURRENT):
         return stretch.blocked_s if abs(driven(registers, full_current)) >= OVERLOAD_EFFORT else math.inf
-    if math.isinf(stretch.blocked_s):
-        return 0.0 if abs(load) >= OVERLOAD_EFFORT else math.inf
-    if mode == VELOCITY:
+    if abs(load) >= OVERLOAD_EFFORT:
+        return 0.0
+    if mode == VELOCITY or math.isinf(stretch.blocked_s):
         return stretch.blocked_s
     held = stretch.motion.position_at(stretch.blocked_s)
-    upwards = stretch.motion.goal > held
-    level = held + math.copysign(OVERLOAD_EFFORT * FULL_EFFORT_COUNTS, stretch.motion.goal - held)
-    return stretch.motion.passing(level, upwards)
+    sign = math.copysign(1.0, stretch.motion.goal - held)
+    level = held + sign * (OVERLOAD_EFFORT - sign * load) * FULL_EFFORT_COUNTS
+    return stretch.motion.passing(level, upwards=sign > 0)
