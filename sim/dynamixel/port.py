@@ -41,6 +41,7 @@ class EmulatedPort:
         self._terminal = ""
         self._pending: list[tuple[float, int, bytes]] = []  # when, order, what
         self._sent = 0
+        self._plugged_in = 0  # how often
         self._closing = False
         self._wake_read, self._wake_write = os.pipe()
         self._thread = threading.Thread(target=self._serve, name="emulated servos", daemon=True)
@@ -63,6 +64,7 @@ class EmulatedPort:
         with self._lock:
             if self._closing or self.plugged:
                 return
+            self._plugged_in += 1
             self._master, self._slave = os.openpty()
             tty.setraw(self._slave)
             os.set_blocking(self._master, False)
@@ -130,13 +132,17 @@ class EmulatedPort:
             if not self.plugged:
                 return
             try:
-                data, baud = os.read(self._master, 4096), _speed(self._slave)
+                data, baud, plugged_in = os.read(self._master, 4096), _speed(self._slave), self._plugged_in
             except OSError:
                 return
         started_s = time.monotonic() + self._latency_s
-        for reply in self.bus.receive(data, baud):
-            self._sent += 1
-            heapq.heappush(self._pending, (started_s + reply.delay_s, self._sent, reply.data))
+        replies = self.bus.receive(data, baud)
+        with self._lock:
+            if not self.plugged or plugged_in != self._plugged_in:  # they have nowhere to go
+                return
+            for reply in replies:
+                self._sent += 1
+                heapq.heappush(self._pending, (started_s + reply.delay_s, self._sent, reply.data))
 
     def _give(self) -> None:
         with self._lock:
