@@ -1,4 +1,4 @@
-"""What the machine is made of, from Debian's packages: a kernel with its modules and a static busybox, kept in a cache."""
+"""What the machine is made of, from Debian's packages: a kernel with its modules, a static busybox; kept in a cache."""
 
 from __future__ import annotations
 
