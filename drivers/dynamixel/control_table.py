@@ -21,6 +21,7 @@ STEP_RAD = 2.0 * math.pi / STEPS_PER_TURN
 SIGNED = frozenset(
     {
         "Homing Offset",
+        "Bus Watchdog",
         "Goal PWM",
         "Goal Current",
         "Goal Velocity",
