@@ -1,9 +1,10 @@
 """A virtual machine with a real Linux kernel and drivers, in which a program of the host's root runs.
 
-    with Machine(["ftdi_sio"], [{"driver": "usb-serial", "id": "servos", "chardev": "bus"}], "python guest.py",
-                 chardevs=["socket,id=bus,path=/tmp/…"]) as machine:
-        machine.wait_for("ready")
-        machine.unplug("servos")
+    usb, adapter = {"driver": "qemu-xhci", "id": "usb"}, {"driver": "usb-serial", "id": "adapter", "chardev": "line"}
+    chardevs = ["serial,id=line,path=/dev/pts/5"]
+    with Machine(parts(), ["xhci_pci", "ftdi_sio"], [usb, adapter], ["python3", "guest.py"], chardevs) as machine:
+        machine.wait_for("ready", 60.0)  # the guest's program prints "@ready"
+        machine.unplug("adapter")
 
 QEMU emulates the processor (TCG): that works everywhere, while KVM inside another virtual machine may hang.
 The host's root is there over 9p, read-only; what the program writes goes to memory and is gone at the end.
@@ -59,7 +60,6 @@ class Machine:
         modules: Sequence[str],
         devices: Sequence[Device],
         guest_command: Sequence[str | Path],
-        *,
         chardevs: Sequence[str] = (),
     ) -> None:
         require_qemu()
