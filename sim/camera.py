@@ -10,7 +10,7 @@ from viewsep.errors import NotConnected, Timeout
 from viewsep.messages import Frame
 from viewsep.sim.disturbances import disturbed
 from viewsep.sim.render import Pictures
-from viewsep.sim.world import MEMORY_S, STEP_NS, World
+from viewsep.sim.world import MEMORY_S, Scene
 
 
 class SimCamera:
@@ -19,8 +19,8 @@ class SimCamera:
     Frames carry the moment of exposure and arrive `latency_s` later; dropped ones never do.
     """
 
-    def __init__(self, world: World, pictures: Pictures, rate_hz: float = 30.0, seed: int = 0) -> None:
-        self._world = world
+    def __init__(self, scene: Scene, pictures: Pictures, rate_hz: float = 30.0, seed: int = 0) -> None:
+        self._scene = scene
         self._pictures = pictures
         self._period_ns = round(1e9 / rate_hz)
         self._seed = seed
@@ -30,17 +30,17 @@ class SimCamera:
         self._first = self._last = 0
 
     def connect(self) -> None:
-        """Open the world."""
-        self._world.open()
+        """Open the scene."""
+        self._scene.open()
         self._connected = True
         self._drops = 0
-        self._first = self._last = self._world.clock.now_ns() // self._period_ns
+        self._first = self._last = self._scene.clock.now_ns() // self._period_ns
 
     def read(self, newer_than_ns: int, timeout_s: float) -> Frame:
         """The first exposure after `newer_than_ns` that is not lost; waits in simulated time."""
         if not self._connected:
             raise NotConnected("the simulated camera is not connected: call connect() first")
-        d, clock = self._world.disturbances, self._world.clock
+        d, clock = self._scene.disturbances, self._scene.clock
         deadline_ns = clock.now_ns() + round(timeout_s * 1e9)
         oldest_ns = max(newer_than_ns, clock.now_ns() - round(MEMORY_S * 0.9e9))
         sequence = max(oldest_ns // self._period_ns, self._first) + 1
@@ -52,13 +52,12 @@ class SimCamera:
         if arrival_ns > deadline_ns:
             clock.sleep_until(deadline_ns)
             raise Timeout(f"the simulated camera delivered no frame within {timeout_s:g} s")
-        seen_ns = -(-stamp_ns // STEP_NS) * STEP_NS  # where the object was is known when the physics has got that far
-        clock.sleep_until(max(arrival_ns, seen_ns))
+        clock.sleep_until(arrival_ns)
+        rotation = self._scene.object_rotation(stamp_ns)
         with clock.lock:
             self._count_drops(sequence)
-            rotation = self._world.object_rotation(stamp_ns)
         with self._rendering:
-            image, mask = self._pictures.render(self._world.geometry.camera_direction, rotation)
+            image, mask = self._pictures.render(self._scene.geometry.camera_direction, rotation)
         image, mask = disturbed(image, mask, d, self._rng(sequence, 4))
         return Frame(stamp_ns, sequence, image, mask)
 
@@ -68,15 +67,15 @@ class SimCamera:
         return self._drops
 
     def close(self) -> None:
-        """Leave the world and the pictures."""
+        """Leave the pictures."""
         self._connected = False
         with self._rendering:
             self._pictures.close()
 
     def _count_drops(self, sequence: int) -> None:
-        if self._world.disturbances.drop_rate > 0:
+        if self._scene.disturbances.drop_rate > 0:
             skipped = range(self._last + 1, sequence)
-            self._drops += sum(self._rng(k, 3).random() < self._world.disturbances.drop_rate for k in skipped)
+            self._drops += sum(self._rng(k, 3).random() < self._scene.disturbances.drop_rate for k in skipped)
         self._last = max(self._last, sequence)
 
     def _rng(self, sequence: int, stream: int) -> np.random.Generator:

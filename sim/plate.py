@@ -13,7 +13,7 @@ from viewsep.messages import Array, FloatArray
 from viewsep.sim.clock import SimClock
 from viewsep.sim.disturbances import Disturbances
 from viewsep.sim.view_set import ViewSet
-from viewsep.sim.world import MEMORY_S, STEP_NS, Moment, load_at
+from viewsep.sim.world import MEMORY_S, STEP_NS, Moment, load_at, physics_known_at
 
 UP = np.array([0.0, 0.0, 1.0])
 
@@ -67,7 +67,8 @@ class PhotoPlate:
             return self.setpoint_rad
 
     def object_rotation(self, stamp_ns: int) -> FloatArray:
-        """(3, 3) object -> world at a moment in memory: what the camera sees."""
+        """(3, 3) object -> world at a moment: what the camera sees."""
+        self.clock.sleep_until(physics_known_at(stamp_ns))
         with self.clock.lock:
             load = load_at(self.moments, stamp_ns)
         return self.geometry.holder_rotation(load.tolist()) @ self.grasp

@@ -38,30 +38,22 @@ class Moment:
     click: bool = False
 
 
-class World(Protocol):
-    """What SimMotion drives and SimCamera looks at: joints, the object they hold, and a memory of the last seconds.
+class Scene(Protocol):
+    """What SimCamera looks at: an object in the holder of a rig, and where it was in the last seconds.
 
-    Any number of threads may use it; whoever reads `moments` holds the clock's lock.
-    `encoder_on_load` says whether the encoders see the load, or the motors.
+    Any number of threads may use it.
     """
 
     geometry: RigGeometry
     clock: SimClock
     disturbances: Disturbances
-    moments: deque[Moment]
-    setpoint_rad: tuple[float, ...]
-    encoder_on_load: bool
 
     def open(self) -> None:
         """Begin; does nothing when begun already."""
         ...
 
-    def drive(self, setpoint_rad: Sequence[float]) -> tuple[float, ...]:
-        """Start moving to the set-points; returns those that the joints will really come to."""
-        ...
-
     def object_rotation(self, stamp_ns: int) -> FloatArray:
-        """(3, 3) object -> world at a moment in memory: what the camera sees."""
+        """(3, 3) object -> world at a moment: what the camera sees. Waits on the clock until that is known."""
         ...
 
     def grasp_at(self, stamp_ns: int) -> FloatArray:
@@ -73,6 +65,27 @@ class World(Protocol):
         ...
 
 
+class World(Scene, Protocol):
+    """What SimMotion drives as well: joints and their memory.
+
+    Whoever reads `moments` holds the clock's lock. `encoder_on_load` says whether the encoders see the load, or the
+    motors.
+    """
+
+    moments: deque[Moment]
+    setpoint_rad: tuple[float, ...]
+    encoder_on_load: bool
+
+    def drive(self, setpoint_rad: Sequence[float]) -> tuple[float, ...]:
+        """Start moving to the set-points; returns those that the joints will really come to."""
+        ...
+
+
+def physics_known_at(stamp_ns: int) -> int:
+    """When the physics has got as far as a moment: its next step."""
+    return -(-stamp_ns // STEP_NS) * STEP_NS
+
+
 def load_at(moments: Sequence[Moment], stamp_ns: int) -> FloatArray:
     """True load angles (n,) at a moment in memory, interpolated."""
     after = bisect_left(moments, stamp_ns, key=lambda moment: moment.stamp_ns)
@@ -80,6 +93,26 @@ def load_at(moments: Sequence[Moment], stamp_ns: int) -> FloatArray:
     stamps = [moment.stamp_ns for moment in around]
     loads = zip(*(moment.load_rad for moment in around), strict=True)
     return np.array([np.interp(stamp_ns, stamps, joint) for joint in loads])
+
+
+class Grip:
+    """How the holder holds the object: the true rotation R (3, 3), object -> control, drawn from the seed unless given.
+
+    With `slip_deg` it slips once, about an axis drawn from the seed.
+    """
+
+    def __init__(self, seed: int, disturbances: Disturbances, rotation: FloatArray | None = None) -> None:
+        rng = np.random.default_rng([seed, 1])
+        self.rotation = random_rotation(rng) if rotation is None else rotation
+        self._slip_axis = unit(rng.normal(size=3))
+        self._disturbances = disturbances
+
+    def rotation_at(self, stamp_ns: int) -> FloatArray:
+        """(3, 3) object -> control at a moment."""
+        d = self._disturbances
+        if d.slip_deg and stamp_ns >= d.slip_after_s * 1e9:
+            return axis_rotation(self._slip_axis, float(np.radians(d.slip_deg))) @ self.rotation
+        return self.rotation
 
 
 class SimWorld:
@@ -102,9 +135,7 @@ class SimWorld:
         self.geometry = geometry
         self.clock = clock
         self.disturbances = disturbances
-        rng = np.random.default_rng([seed, 1])
-        self.grasp = random_rotation(rng) if grasp is None else grasp
-        self._slip_axis = unit(rng.normal(size=3))
+        self.grip = Grip(seed, disturbances, grasp)
         self._bullet = load_pybullet()
         self._client = -1
         self.moments: deque[Moment] = deque(maxlen=round(MEMORY_S * 1e9 / STEP_NS))
@@ -157,15 +188,18 @@ class SimWorld:
             return load_at(self.moments, stamp_ns)
 
     def object_rotation(self, stamp_ns: int) -> FloatArray:
-        """(3, 3) object -> world at a moment in memory: what the camera sees."""
+        """(3, 3) object -> world at a moment: what the camera sees."""
+        self.clock.sleep_until(physics_known_at(stamp_ns))
         return self.geometry.holder_rotation(self.load_at(stamp_ns).tolist()) @ self.grasp_at(stamp_ns)
+
+    @property
+    def grasp(self) -> FloatArray:
+        """(3, 3) object -> control before any slip."""
+        return self.grip.rotation
 
     def grasp_at(self, stamp_ns: int) -> FloatArray:
         """(3, 3) object -> control at a moment, the slip included."""
-        d = self.disturbances
-        if d.slip_deg and stamp_ns >= d.slip_after_s * 1e9:
-            return axis_rotation(self._slip_axis, float(np.radians(d.slip_deg))) @ self.grasp
-        return self.grasp
+        return self.grip.rotation_at(stamp_ns)
 
     def close(self) -> None:
         """Leave pybullet. Safe to call twice."""

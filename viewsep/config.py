@@ -38,11 +38,51 @@ class RigConfig(Section):
     rig with photos shows, azimuth and elevation in the control frame; they follow from the photos and are filled in.
     """
 
-    backend: Literal["sim", "photos"] = "sim"
+    backend: Literal["sim", "photos", "dynamixel"] = "sim"
     preset: str | None = None
     joints: tuple[JointConfig, ...] = ()
     camera_elevation_deg: float | None = Field(default=None, ge=-90, le=90)
     views_deg: tuple[tuple[float, Annotated[float, Field(ge=-90, le=90)]], ...] = ()
+
+
+class ServoConfig(Section):
+    """The servo that turns one joint; see docs/hardware.md. Limits that are left out are the servo's own.
+
+    `zero_counts` is its position when the joint is at zero. `effort_limit` is in A where the model measures current,
+    otherwise a share of full load.
+    """
+
+    joint: str = Field(min_length=1)
+    id: int = Field(ge=0, le=252)
+    model: str = ""
+    mode: Literal["position", "extended"] = "position"
+    zero_counts: int = Field(default=2048, ge=-1_048_575, le=1_048_575)
+    direction: Literal[1, -1] = 1
+    gear_ratio: float = Field(default=1.0, gt=0, le=1000)
+    acceleration_deg_s2: float = Field(default=300.0, gt=0, le=100_000)
+    effort_limit: float | None = Field(default=None, gt=0)
+    temperature_limit_c: float | None = Field(default=None, gt=0, le=100)
+    min_voltage_v: float | None = Field(default=None, gt=0, le=60)
+    max_voltage_v: float | None = Field(default=None, gt=0, le=60)
+
+
+class DynamixelConfig(Section):
+    """A bus of servos, `[[dynamixel.servos]]` one for each joint of the rig. `port` "emulated" needs no hardware.
+
+    A servo that hears nothing for `watchdog_s` stops by itself (0: never); one that does not answer for `lost_s` is
+    lost. `emulated_speed` is how fast the time of emulated servos passes.
+    """
+
+    port: str = ""
+    baud: Literal[9600, 57600, 115200, 1_000_000, 2_000_000, 3_000_000, 4_000_000] = 57600
+    state_hz: float = Field(default=100.0, ge=10, le=1000)
+    retries: int = Field(default=3, ge=0, le=20)
+    watchdog_s: float = Field(default=0.5, ge=0, le=2.54)
+    when_stopped: Literal["hold", "release"] = "hold"
+    settle_within_deg: float = Field(default=0.5, gt=0, le=10)
+    lost_s: float = Field(default=0.5, gt=0, le=10)
+    emulated_speed: float = Field(default=1.0, gt=0, le=20)
+    servos: tuple[ServoConfig, ...] = ()
 
 
 class CameraConfig(Section):
@@ -144,6 +184,7 @@ class Config(Section):
     task: TaskConfig = TaskConfig()
     sim: SimConfig = SimConfig()
     service: ServiceConfig = ServiceConfig()
+    dynamixel: DynamixelConfig = DynamixelConfig()
 
 
 def load_config(path: Path) -> Config:
@@ -178,6 +219,8 @@ def parse_config(table: Any, origin: str) -> Config:
         )
     try:
         geometry_of(rig)
+        if rig.backend == "dynamixel":
+            _check_servos(config)
     except BadConfig as error:
         raise BadConfig(f"{origin}: {error}") from error
     return config
@@ -190,6 +233,21 @@ def explain(error: ValidationError) -> str:
     if first["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
         return f"unknown key {key!r}: check the spelling against the examples in docs/config"
     return f"key {key!r} = {first['input']!r}: {first['msg'][0].lower()}{first['msg'][1:]}"
+
+
+def _check_servos(config: Config) -> None:
+    """Raises BadConfig when the servos are not those of the rig's joints."""
+    given, names = config.dynamixel, [joint.name for joint in geometry_of(config.rig).limits]
+    if not given.port:
+        raise BadConfig(
+            "key 'dynamixel.port' is missing: give the servos' serial port (`viewsep rig ports` lists them), or "
+            "'emulated'"
+        )
+    if [servo.joint for servo in given.servos] != names:
+        raise BadConfig(
+            f"key 'dynamixel.servos' is for the joints {[servo.joint for servo in given.servos]}, but the rig has "
+            f"{names}: give one [[dynamixel.servos]] for each, in this order"
+        )
 
 
 @lru_cache(maxsize=8)

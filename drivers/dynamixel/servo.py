@@ -132,7 +132,10 @@ class Servo:
             self.write("Torque Enable", 1)  # its goal becomes where it is
 
     def arm(self, watchdog_s: float) -> None:
-        """Have it stop by itself when it hears nothing for so long; 0 disarms, and clears that it has. Raises BusError."""
+        """Have it stop by itself when it hears nothing for so long; 0 disarms and clears that it has stopped.
+
+        Raises BusError.
+        """
         counts = math.ceil(watchdog_s / self.table["Bus Watchdog"].scale)
         self.write("Bus Watchdog", min(counts, LONGEST_WATCHDOG))
 

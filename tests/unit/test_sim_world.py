@@ -334,7 +334,7 @@ def test_every_disturbance_is_off_by_default_and_leaves_pictures_alone(open_rig:
 def test_a_disturbance_changes_pictures_and_follows_the_seed(open_rig: Open, what: str) -> None:
     def looks(disturbances: Disturbances, seed: int) -> list[tuple[bytes, bytes]]:
         rig = open_rig(disturbances, seed=seed)
-        rig.world.grasp = np.eye(3)  # only the disturbances follow the seed
+        rig.world.grip.rotation = np.eye(3)  # only the disturbances follow the seed
         frames = [rig.look() for _ in range(2)]
         assert all(frame.mask is not None and frame.mask.any() for frame in frames)
         return [(frame.image.tobytes(), b"" if frame.mask is None else frame.mask.tobytes()) for frame in frames]
