@@ -35,7 +35,8 @@ def settings(port: str) -> BusSettings:
 def check_motion() -> None:
     """Connect, move, lose the adapter, get it back, move again."""
     with step("the driver connects and moves") as note:
-        motion = DynamixelMotion(settings(wait_for_adapter()), MonotonicClock())
+        port = wait_for_adapter()
+        motion = DynamixelMotion(settings(port), MonotonicClock())
         motion.connect()
         note(arrive(motion, NEAR))
         note(state_rate(motion))
@@ -43,7 +44,9 @@ def check_motion() -> None:
         motion.move_to([FAR, 0.0])
         wait_until("the joint to be on its way", MOVE_S, lambda: pan(motion) < NEAR - UNDER_WAY)
         say("@moving")
-        note(lost(motion))
+        told = lost(motion)
+        note(told)
+        expect(port in told, "the error does not name the port")
     with step("without it nothing moves, and the fault cannot be cleared") as note:
         note(f"move_to → {refusal(motion, lambda: motion.move_to([NEAR, 0.0]), MoveRefused)}")
         note(f"clear_fault → {refusal(motion, motion.clear_fault, RigError)}")

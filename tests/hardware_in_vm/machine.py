@@ -34,7 +34,7 @@ QEMU = "qemu-system-x86_64"
 ROOT_MODULES = ["virtio_pci", "9pnet_virtio", "9p", "overlay"]
 PROCESSOR = "Nehalem"  # the least that numpy's wheels run on; with more, TCG is slower
 LIFE_S = 300  # the machine ends itself then, should this process be killed
-SCREEN_LINES = 15  # of the kernel's last words, shown when something goes wrong
+CONSOLE_LINES = 15  # of the kernel's last words, shown when something goes wrong
 BOOT_S = 120.0
 END_S = 10.0
 
@@ -43,6 +43,12 @@ Device = dict[str, Any]  # what QEMU's -device and device_add take; "driver" is 
 
 class Broken(Exception):
     """The machine did not do what it should within its deadline; the text says what."""
+
+
+def show(line: str) -> None:
+    """Print a line as one of the machine's."""
+    sys.stdout.write(f"  vm: {line}\n")
+    sys.stdout.flush()
 
 
 def require_qemu() -> None:
@@ -84,26 +90,31 @@ class Machine:
         self._reader = threading.Thread(target=self._read, name="machine", daemon=True)
         self._reader.start()
         try:
-            self._qmp = Qmp(self._folder / "qmp", BOOT_S)
+            self._qmp = Qmp(self._folder / "qmp", BOOT_S, lambda: self._process.poll() is None)
             self.wait_for("booted", BOOT_S)
         except BaseException:
-            self.close()
+            self._end(failed=True)
             raise
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if kind is not None:
-            sys.stderr.write(f"last lines of the machine's console:\n{self.console()}\n")
-        self.close()
+        self._qmp.close()
+        self._end(failed=kind is not None)
 
-    def close(self) -> None:
-        """End QEMU, by its own id, and remove its files."""
+    def _end(self, *, failed: bool) -> None:
+        """End QEMU, by its own id, and remove its files; after a failure show what it said last."""
         if self._process.poll() is None:
             self._process.kill()
         self._process.wait(END_S)
         self._reader.join(END_S)
+        if failed:
+            while (line := self._lines.get()) is not None:
+                show(line)
+            console = self._console.read_text(errors="replace") if self._console.exists() else ""
+            for line in console.splitlines()[-CONSOLE_LINES:]:
+                show(line)
         shutil.rmtree(self._folder, ignore_errors=True)
 
     def wait_for(self, sign: str, timeout_s: float) -> str:
@@ -121,8 +132,7 @@ class Machine:
                 return rest
             if said == "@ended":
                 raise Broken(f"the guest's program ended with code {rest} before it said {sign!r}")
-            sys.stdout.write(f"  vm: {line}\n")
-            sys.stdout.flush()
+            show(line)
 
     def plug(self, device: Device) -> None:
         """Plug a device in while the machine runs."""
@@ -132,13 +142,6 @@ class Machine:
         """Pull a device out and wait until it is gone."""
         self._qmp.ask("device_del", id=name)
         self._qmp.wait_for("DEVICE_DELETED", END_S)
-
-    def console(self) -> str:
-        """The last lines of the kernel's console."""
-        try:
-            return "\n".join(self._console.read_text(errors="replace").splitlines()[-SCREEN_LINES:])
-        except OSError:
-            return "(none)"
 
     def _qemu(self) -> list[str]:
         command = [QEMU, "-accel", "tcg", "-machine", "pc", "-cpu", PROCESSOR, "-smp", "1", "-m", "512"]

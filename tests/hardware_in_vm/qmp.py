@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import socket
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -14,15 +15,23 @@ class Refused(Exception):
 
 
 class Qmp:
-    """A connection to QEMU's monitor. Waits up to `timeout_s` for the socket; raises TimeoutError."""
+    """A connection to QEMU's monitor.
 
-    def __init__(self, path: Path, timeout_s: float) -> None:
-        self._socket = _connected(path, timeout_s)
+    Waits up to `timeout_s` for the socket, while QEMU is `alive`; raises TimeoutError, Refused.
+    """
+
+    def __init__(self, path: Path, timeout_s: float, alive: Callable[[], bool]) -> None:
+        self._socket = _connected(path, timeout_s, alive)
         self._file = self._socket.makefile("r")
         self._events: list[str] = []
         self._socket.settimeout(timeout_s)
         self._receive()  # the greeting
         self.ask("qmp_capabilities")
+
+    def close(self) -> None:
+        """Leave the monitor."""
+        self._file.close()
+        self._socket.close()
 
     def ask(self, command: str, **arguments: Any) -> None:
         """Send a command and wait for its answer. Raises Refused."""
@@ -51,7 +60,7 @@ class Qmp:
         return message
 
 
-def _connected(path: Path, timeout_s: float) -> socket.socket:
+def _connected(path: Path, timeout_s: float, alive: Callable[[], bool]) -> socket.socket:
     deadline = time.monotonic() + timeout_s
     while True:
         connection = socket.socket(socket.AF_UNIX)
@@ -60,6 +69,8 @@ def _connected(path: Path, timeout_s: float) -> socket.socket:
             return connection
         except (FileNotFoundError, ConnectionRefusedError):
             connection.close()
+            if not alive():
+                raise Refused("QEMU ended at once") from None
             if time.monotonic() > deadline:
                 raise TimeoutError(f"QEMU opened no monitor at {path} within {timeout_s:.0f} s") from None
             time.sleep(0.02)
