@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from pathlib import Path
 
 from guest_adapter import check_adapter, wait_for_adapter
 from steps import expect, say, step, wait_until
@@ -38,6 +39,7 @@ def check_motion() -> None:
         port = wait_for_adapter()
         motion = DynamixelMotion(settings(port), MonotonicClock())
         motion.connect()
+        note(f"{Path(port).resolve()}")
         note(arrive(motion, NEAR))
         note(state_rate(motion))
     with step("an adapter that is pulled out in the middle of a move is told") as note:
@@ -52,7 +54,7 @@ def check_motion() -> None:
         note(f"clear_fault → {refusal(motion, motion.clear_fault, RigError)}")
     say("@lost")
     with step("with it the fault is cleared, and the joints move again") as note:
-        note(f"{wait_for_adapter()} is back")
+        note(f"{Path(wait_for_adapter()).resolve()}")
         motion.clear_fault()
         note(f"the joint stands at {math.degrees(pan(motion)):.1f} deg")
         note(arrive(motion, FAR))

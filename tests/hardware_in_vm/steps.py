@@ -19,9 +19,13 @@ def step(name: str) -> Iterator[Callable[[str], None]]:
     try:
         yield notes.append
     except Exception as error:
-        say(f"FAIL {name}: {type(error).__name__}: {error}" + "".join(f"; {note}" for note in notes))
+        _tell(f"FAIL {name}: {type(error).__name__}: {error}", notes)
         sys.exit(1)
-    say(f"PASS {name}" + (f": {'; '.join(notes)}" if notes else "") + f" ({time.monotonic() - begin:.1f} s)")
+    _tell(f"PASS {name} ({time.monotonic() - begin:.1f} s)", notes)
+
+
+def _tell(outcome: str, notes: list[str]) -> None:
+    say("\n       ".join([outcome, *notes]))
 
 
 def say(line: str) -> None:
