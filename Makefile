@@ -3,7 +3,7 @@ PYTHON ?= python3.11
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: env demo test lint types contracts unit wheel schemas clean
+.PHONY: env demo test lint types contracts unit wheel test-hardware-in-vm schemas clean
 
 env: $(VENV)/.up-to-date
 
@@ -35,6 +35,10 @@ unit: env
 
 wheel: env
 	$(BIN)/python tests/wheel_install.py
+
+# Slow: the kernel's own USB serial driver in a virtual machine (QEMU), emulated servos on its USB; not part of `make test`.
+test-hardware-in-vm: env
+	$(BIN)/python tests/hardware_in_vm/run.py
 
 # Regenerates recordings/schemas/*_pb2.py after a .proto file was changed.
 schemas: env
