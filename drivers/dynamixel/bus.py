@@ -1,9 +1,9 @@
 """A bus of servos, Protocol 2.0: dynamixel-sdk behind a wrapper that believes only what is certain.
 
 What the SDK leaves open is closed here: a value counts only when its packet came from the servo that was asked, with
-the length that was asked for; a line on which a reply was missed is drained, and the next read asks for one byte more
-or less, so that a late reply is known by its length; a silent servo does not silence the others; alert bits are kept;
-bytes that look like a header are stuffed; any number of threads may call.
+the length that was asked for; a line on which a reply was missed is drained, and every other read of a block asks for
+one byte more, so that a late reply is known by its length; a silent servo does not silence the others; alert bits are
+kept; bytes that look like a header are stuffed; any number of threads may call.
 """
 
 from __future__ import annotations
@@ -164,12 +164,13 @@ class Bus:
 
     def read(self, servo_id: int, register: Register) -> int:
         """A register's counts. Raises NoReply, ServoRefused, PortLost."""
-        return register.decode(self.read_block([servo_id], register.address, register.size)[servo_id].data)
+        parameters = _words(register.address, register.size)
+        return register.decode(self._ask(servo_id, READ, parameters, register.size, what=register.name).data)
 
     def read_block(self, servo_ids: Sequence[int], address: int, size: int) -> dict[int, Reply]:
-        """The same addresses of several servos in one exchange. Raises NoReply, ServoRefused, PortLost.
+        """The same addresses of several servos in one exchange, with one address more at every other time.
 
-        Those that did not answer with the others are asked one by one.
+        Those that did not answer with the others are asked one by one. Raises NoReply, ServoRefused, PortLost.
         """
         replies = self._read_together(servo_ids, address, size) if len(servo_ids) > 1 else {}
         for servo_id in servo_ids:
@@ -238,9 +239,16 @@ class Bus:
         self._ask(servo_id, CLEAR, bytes([0x01, 0x44, 0x58, 0x4C, 0x22]), 0)
 
     def _read_one(self, servo_id: int, address: int, size: int, retries: int | None) -> Reply:
+        """A block of one servo, each attempt of another length. Raises NoReply, ServoRefused, PortLost."""
+        for _ in range(self._retries if retries is None else retries):
+            with suppress(NoReply):
+                return self._read_block_once(servo_id, address, size)
+        return self._read_block_once(servo_id, address, size)
+
+    def _read_block_once(self, servo_id: int, address: int, size: int) -> Reply:
         with self._lock:
             asked = self._next_length(size)
-            reply = self._ask(servo_id, READ, _words(address, asked), asked, retries, what=f"address {address}")
+            reply = self._ask(servo_id, READ, _words(address, asked), asked, 0, what=f"address {address}")
             return replace(reply, data=reply.data[:size])
 
     def _ask(
@@ -251,9 +259,6 @@ class Bus:
         for attempt in range(attempts):
             with self._instruction():
                 self._count(retries=int(attempt > 0))
-                if instruction == READ and attempt:
-                    size = self._next_length(size - self._longer)
-                    parameters = parameters[:2] + _words(size)
                 self._send(servo_id, instruction, parameters)
                 if self.dry_run and _changes(instruction):
                     return Reply(b"", False)

@@ -141,9 +141,7 @@ class SerialPort:
         except serial.SerialTimeoutException as error:
             raise PortLost(f"the serial port {self.name} takes no bytes: check the adapter and its driver") from error
         except (OSError, termios.error, TypeError) as error:  # pyserial: TypeError when closed by another thread
-            raise PortLost(
-                f"the serial port {self.name} is gone ({error}): plug the adapter in again, then clear the fault"
-            ) from error
+            raise PortLost(f"the serial port {self.name} is gone: plug the adapter in again") from error
 
 
 def usb_latency_s(name: str) -> float | None:

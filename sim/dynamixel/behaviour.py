@@ -159,7 +159,7 @@ class Behaviour:
     def _events(self) -> Iterator[tuple[float, Event]]:
         watchdog = self.registers["Bus Watchdog"]
         if self.torque:
-            if 0 < watchdog < WATCHDOG_TRIPPED:
+            if watchdog > 0:
                 yield self._heard_ns + round(watchdog * WATCHDOG_S * 1e9), self._trip
             if self._strained_ns < math.inf:
                 yield self._strained_ns + control.OVERLOAD_S * 1e9, lambda now: self.set_alert(OVERLOAD_ALERT, now)

@@ -10,7 +10,7 @@ from viewsep.drivers.dynamixel.control_table import EEPROM_END, ControlTable, Re
 from viewsep.sim.dynamixel.models import DRIVE_MODES, GOALS, READ_ONLY, indirect_blocks, value_range
 from viewsep.sim.dynamixel.packets import Error
 
-WATCHDOG_TRIPPED = 0xFF  # -1 in one byte
+WATCHDOG_TRIPPED = -1
 _KEPT_BY_RESET = {0xFF: (), 0x01: ("ID",), 0x02: ("ID", "Baud Rate")}
 
 
