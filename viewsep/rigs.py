@@ -12,20 +12,23 @@ import numpy as np
 from viewsep.config import Config, JointConfig, RigConfig, geometry_of
 from viewsep.errors import BadConfig, BadInput
 from viewsep.geometry import nearest_points
+from viewsep.interfaces import MotionBackend
 from viewsep.kinematics import PRESET_SPEED_DEG_S as SPEED
 from viewsep.messages import FloatArray
 from viewsep.models.aspect_graph import AspectGraph
+from viewsep.servo_rig import is_emulated, servo_motion
 from viewsep.session import Pace, Rig
 from viewsep.sim.camera import SimCamera
 from viewsep.sim.clock import PacedClock, SimClock
 from viewsep.sim.disturbances import Disturbances
+from viewsep.sim.followed import FollowedJoints
 from viewsep.sim.motion import SimMotion
 from viewsep.sim.plate import PhotoPlate, Photos
 from viewsep.sim.render import CameraOptics
 from viewsep.sim.render_cache import RenderCache
 from viewsep.sim.source import open_renderer
 from viewsep.sim.view_set import SAME_VIEW_RAD, ViewSet, is_view_set, read_view_set
-from viewsep.sim.world import SimWorld, World
+from viewsep.sim.world import Scene, SimWorld
 
 FEWEST_VIEWS = 3  # that a photo rig can work with
 
@@ -40,20 +43,35 @@ class PictureKind(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class SimulatedRig:
-    """A rig whose truth is known: the world, the digest of what is in its holder, and what its pictures are.
+    """A rig whose truth is known: the scene, the digest of what is in its holder, and what its pictures are.
 
     `config` is the configuration that goes with it: the given one, with the views filled in where they are photos.
     """
 
     rig: Rig
-    world: World
+    scene: Scene
     object_digest: str
     config: Config
     pictures: PictureKind
 
+    @property
+    def speed(self) -> float:
+        """Seconds of the rig's clock per second; 0: time passes only when somebody waits."""
+        clock = self.rig.clock
+        return clock.speed if isinstance(clock, PacedClock) else 0.0
+
+    @property
+    def described(self) -> str:
+        """What moves and what sees."""
+        moves = "simulated rig"
+        if self.config.rig.backend == "dynamixel":
+            moves = "emulated servos" if is_emulated(self.config) else f"servos on {self.config.dynamixel.port}"
+            moves += ", simulated camera"
+        return moves if self.pictures is PictureKind.RENDERED else f"{moves}, {self.pictures}"
+
     def true_rotation(self, stamp_ns: int) -> FloatArray:
         """(3, 3) object -> control at a moment."""
-        return self.world.grasp_at(stamp_ns)
+        return self.scene.grasp_at(stamp_ns)
 
 
 def rig_holding(
@@ -83,16 +101,25 @@ def rig_holding(
 def simulated_rig(
     config: Config, source: str, seed: int, cache: RenderCache | None = None, *, speed: float = 0.0
 ) -> SimulatedRig:
-    """The simulated rig holding a mesh in an unknown grasp drawn from the seed. Raises BadInput, BadMesh."""
+    """The simulated rig holding a mesh in an unknown grasp drawn from the seed. Raises BadInput, BadMesh.
+
+    With servos, real or emulated, the camera alone is simulated, and time passes as it does for them.
+    """
     if config.rig.backend == "photos":
         raise BadConfig(f"rig.backend = 'photos', but {source} is not a folder with photos and views.csv: use 'sim'")
-    geometry, clock = geometry_of(config.rig), _clock(speed)
-    disturbances = Disturbances(**config.sim.model_dump())
+    geometry, disturbances = geometry_of(config.rig), Disturbances(**config.sim.model_dump())
     renderer = open_renderer(source, CameraOptics(config.camera.size_px), cache)
-    world = SimWorld(geometry, clock, seed, disturbances)
-    camera = SimCamera(world, renderer, config.camera.rate_hz, seed)
-    rig = Rig(SimMotion(world, seed), camera, geometry, clock)
-    return SimulatedRig(rig, world, renderer.mesh.digest, config, PictureKind.RENDERED)
+    motion: MotionBackend
+    scene: Scene
+    if config.rig.backend == "dynamixel":
+        motion, clock, joints_at = servo_motion(config)
+        scene = FollowedJoints(geometry, clock, seed, disturbances, joints_at)
+    else:
+        clock = _clock(speed)
+        scene = world = SimWorld(geometry, clock, seed, disturbances)
+        motion = SimMotion(world, seed)
+    camera = SimCamera(scene, renderer, config.camera.rate_hz, seed)
+    return SimulatedRig(Rig(motion, camera, geometry, clock), scene, renderer.mesh.digest, config, PictureKind.RENDERED)
 
 
 def photo_rig(
@@ -113,6 +140,10 @@ def photo_rig(
         raise BadInput(
             f"{view_set.folder}: {len(shown)} photos are too few for a rig (at least {FEWEST_VIEWS}); leave more of "
             "them out of the model, e.g. with learn --every 4, or take more"
+        )
+    if config.rig.backend == "dynamixel":
+        raise BadConfig(
+            f"rig.backend = 'dynamixel', but photos as those in {view_set.folder} follow no servos: hold a mesh"
         )
     for key in ("backlash_deg", "slip_deg"):
         if getattr(config.sim, key):

@@ -42,7 +42,7 @@ class Task:
 class Answer:
     """The engine's result beside the truth. `pose_error_rad` is nan where the truth is not among the candidates.
 
-    `pictures` says what the simulated rig's camera showed.
+    `pictures` says what the simulated rig's camera showed, `rig` in words what moved and what saw.
     """
 
     task: Task
@@ -50,6 +50,7 @@ class Answer:
     correct: bool | None
     pose_error_rad: float
     pictures: PictureKind
+    rig: str
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON: degrees, quaternion x, y, z, w."""
@@ -67,7 +68,8 @@ class Answer:
             "travel_deg": float(np.degrees(result.travel_rad)),
             "comparisons": result.comparisons,
             "seed": self.task.seed,
-            "simulated": True,  # the rig, whatever its pictures are
+            "simulated": True,  # the rig, or at least its camera
+            "rig": self.rig,
             "pictures": self.pictures.value,
             "recording": str(self.task.record) if self.task.record else None,
         }
@@ -124,7 +126,7 @@ def run_task(
     if task.truth:
         error = float(rotation_angle(result.rotation, simulated.true_rotation(result.stamp_ns)))
     correct = result.object == task.truth if result.object else None
-    return Answer(task, result, correct, error, simulated.pictures)
+    return Answer(task, result, correct, error, simulated.pictures, simulated.described)
 
 
 def _check_source(task: Task, models: Sequence[AspectGraph], digest: str) -> None:

@@ -50,7 +50,7 @@ class ServoSettings:
         """Whether the joint has no limit to either side."""
         return math.isinf(self.joint.lower_rad) and math.isinf(self.joint.upper_rad)
 
-    def angle_rad(self, counts: int) -> float:
+    def angle_rad(self, counts: float) -> float:
         """The joint's angle at a position of the servo."""
         return self.direction * (counts - self.zero_counts) * self.step_rad
 

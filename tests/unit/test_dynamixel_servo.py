@@ -339,7 +339,7 @@ def test_watchdog_stops_a_servo_nobody_speaks_to() -> None:
     stopped = line.servo.joint_rad_at(line.clock.now_ns())
     assert stopped == line.servo.joint_rad_at(line.clock.now_ns() - round(0.19e9))  # since 0.1 s after the last word
     assert stopped > line.servo.joint_rad_at(line.clock.now_ns() - round(0.22e9))
-    assert line.read("Bus Watchdog") == 0xFF
+    assert line.read("Bus Watchdog") == -1
     assert line.write("Goal Position", 4000) == Error.DATA_RANGE
     assert line.write("Bus Watchdog", 5) == Error.DATA_RANGE
     line.wait(1.0)

@@ -82,10 +82,10 @@ def tell(answer: Answer) -> None:
         results.print(f"It is [bold]{answer.result.object}[/bold]{verdict}: {answer.result.reason}.", soft_wrap=True)
     else:
         results.print(f"[bold]{answer.result.outcome.value}[/bold]: {answer.result.reason}.", soft_wrap=True)
-    rig = "simulated rig" if answer.pictures is PictureKind.RENDERED else f"simulated rig, {answer.pictures}"
     pose = "" if said["pose_error_deg"] is None else f", pose error {said['pose_error_deg']:.1f}°"
     results.print(
-        f"{said['looks']} looks, {said['travel_deg']:.0f}° of travel, {said['comparisons']} comparisons{pose} ({rig})",
+        f"{said['looks']} looks, {said['travel_deg']:.0f}° of travel, {said['comparisons']} comparisons{pose} "
+        f"({answer.rig})",
         highlight=False,
     )
     if said["recording"]:

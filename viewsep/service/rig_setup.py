@@ -22,15 +22,14 @@ def served_rig(config: Config) -> ServedRig:
     models = Catalogue(Path(settings.library)).models()
     held = rig_holding(settings.holds, models, config, settings.seed, speed=settings.speed)
     lease = Lease(settings.lease_s)
-    stepped = settings.speed == 0
     return ServedRig(
         config=held.config,
         motion=SharedMotion(held.rig.motion, lease),
-        camera=SharedCamera(held.rig.camera, held.rig.clock, stepped=stepped),
+        camera=SharedCamera(held.rig.camera, held.rig.clock, stepped=held.speed == 0),
         geometry=held.rig.geometry,
         clock=held.rig.clock,
         simulated=True,
         pictures=held.pictures.value,
         holds=absolute_source(settings.holds),
-        speed=settings.speed,
+        speed=held.speed,
     )
