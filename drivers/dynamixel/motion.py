@@ -207,31 +207,34 @@ class DynamixelMotion:
             self._clock.sleep_until(due_ns)
 
     def _read_state(self, *, certain: bool = False) -> None:
-        """Read every servo once and remember what they say, if they all do. Raises BusError."""
-        ids = [servo.settings.servo_id for servo in self._servos]
-        block = self._servos[0].state_block
+        """Read every servo once, remember what they say if they all do, see whether all is well. Raises BusError."""
         asked_ns = self._clock.now_ns()
-        replies = (self._bus.read_block if certain else self._bus.read_what_answers)(ids, *block)
+        alerts, complete = self._read_all(certain=certain)
         now_ns = self._clock.now_ns()
-        stamp_ns = asked_ns + min((now_ns - asked_ns) // 2, round(self._bus.request_time_s(len(ids)) * 1e9))
-        alerts = []
-        for joint, servo in enumerate(self._servos):
-            if (reply := replies.get(ids[joint])) is not None:
-                self._heard_ns[joint] = now_ns
-                self._readings[joint] = servo.interpret(reply.data, self._readings.get(joint))
-                alerts += [joint] if reply.alert else []
-        if len(replies) == len(ids):
-            self._remember(stamp_ns)
+        if complete:
+            request_ns = round(self._bus.request_time_s(len(self._servos)) * 1e9)
+            self._remember(asked_ns + min((now_ns - asked_ns) // 2, request_ns))
         for joint in alerts:
             self._complain(self._health[joint].look())
         for joint, health in enumerate(self._health):
             self._complain(health.feel(self._readings[joint].effort, now_ns))
         for joint, heard_ns in self._heard_ns.items():
             if now_ns - heard_ns > self._settings.lost_s * 1e9:
-                silent_s = (now_ns - heard_ns) * 1e-9
-                self._give_up(
-                    f"{self._servos[joint].name} has not answered for {silent_s:.1f} s: check cable and power"
-                )
+                silent = f"{self._servos[joint].name} has not answered for {(now_ns - heard_ns) * 1e-9:.1f} s"
+                self._give_up(f"{silent}: check cable and power")
+
+    def _read_all(self, *, certain: bool = False) -> tuple[list[int], bool]:
+        """The servos' newest readings: which joints have an alert, and whether all have answered. Raises BusError."""
+        ids = [servo.settings.servo_id for servo in self._servos]
+        read = self._bus.read_block if certain else self._bus.read_what_answers
+        replies = read(ids, *self._servos[0].state_block)
+        alerts = []
+        for joint, servo in enumerate(self._servos):
+            if (reply := replies.get(ids[joint])) is not None:
+                self._heard_ns[joint] = self._clock.now_ns()
+                self._readings[joint] = servo.interpret(reply.data, self._readings.get(joint))
+                alerts += [joint] if reply.alert else []
+        return alerts, len(replies) == len(ids)
 
     def _remember(self, stamp_ns: int) -> None:
         """Add a state of all joints."""
@@ -275,33 +278,25 @@ class DynamixelMotion:
         self._bus.close()
 
     def _command(self, goals: Sequence[int]) -> None:
-        """Give every servo its goal at the same moment and make sure that each has it. Raises BusError."""
-        register = self._servos[0].table["Goal Position"]
-        ids = [servo.settings.servo_id for servo in self._servos]
-        self._bus.write_all(dict(zip(ids, goals, strict=True)), register)
-        replies = self._bus.read_block(ids, register.address, register.size)
-        for servo, goal in zip(self._servos, goals, strict=True):
-            if register.decode(replies[servo.settings.servo_id].data) != goal:
-                servo.write("Goal Position", goal)  # it missed the one to all, or refuses and says why
+        """Give every servo its goal at the same moment and make sure that each has it.
+
+        Raises the first BusError, all having been tried.
+        """
+        wanted = {servo.settings.servo_id: goal for servo, goal in zip(self._servos, goals, strict=True)}
+        self._bus.write_all(wanted, self._servos[0].table["Goal Position"])
+        _each(self._servos, lambda servo: servo.confirm_goal(wanted[servo.settings.servo_id]))
 
     def _brake(self) -> None:
         """Stop where the profile's acceleration allows, or let go. Raises the first BusError, all having been tried."""
-        self._deadline_ns = None
+        self._deadline_ns, self._still = None, 0
         if self._settings.release:
             _each(self._servos, Servo.release)
             self._released = True
             return
-        held: dict[int, float] = {}
-
-        def hold(servo: Servo) -> None:
-            held[servo.settings.servo_id] = servo.brake()
-
-        try:
-            _each(self._servos, hold)
-        finally:
-            angles = zip(self._servos, self._setpoint_rad, strict=True)
-            self._setpoint_rad = tuple(held.get(servo.settings.servo_id, before) for servo, before in angles)
-            self._still = 0
+        self._read_all()
+        goals = [servo.braking_goal(self._readings[joint]) for joint, servo in enumerate(self._servos)]
+        self._setpoint_rad = tuple(servo.angle_rad(goal) for servo, goal in zip(self._servos, goals, strict=True))
+        self._command(goals)
 
     def _away_rad(self, position_rad: Sequence[float]) -> float:
         return float(np.abs(np.subtract(position_rad, self._setpoint_rad)).max())

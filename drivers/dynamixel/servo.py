@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from viewsep.drivers.dynamixel.alerts import in_words
 from viewsep.drivers.dynamixel.bus import Bus, wait_for
-from viewsep.drivers.dynamixel.control_table import STEP_RAD, STEPS_PER_TURN, ControlTable, control_table
+from viewsep.drivers.dynamixel.control_table import STEPS_PER_TURN, ControlTable, control_table
 from viewsep.drivers.dynamixel.settings import EXTENDED_COUNTS, ServoSettings
 from viewsep.errors import RigError
 
@@ -151,16 +151,18 @@ class Servo:
             if remaining := self.alert():
                 raise RigError(f"{self.name}: {remaining} (it was started anew, which did not help)")
 
-    def brake(self) -> float:
-        """Come to rest with the profile's acceleration, without turning back; returns the angle. Raises BusError."""
-        counts = self.read("Present Position")
-        speed = self.read("Present Velocity") * self.table["Present Velocity"].scale
-        acceleration = self.acceleration_counts * self.table["Profile Acceleration"].scale
-        way = math.copysign(speed * speed / (2.0 * acceleration), speed) / STEP_RAD if abs(speed) > 0.05 else 0.0
+    def braking_goal(self, reading: Reading) -> int:
+        """Where the profile's acceleration brings it to rest, so that it need not turn back; within the limits."""
+        way_rad = math.copysign(reading.speed_rad_s**2 / (2.0 * self.acceleration_rad_s2), reading.speed_rad_s)
+        way = self.settings.direction * way_rad / self.settings.step_rad
         lowest, highest = self.settings.counts_range()
-        goal = round(min(max(counts + way + self.turn_counts, lowest), highest)) - self.turn_counts
-        self.write("Goal Position", goal)
-        return self.angle_rad(goal)
+        goal = min(max(reading.counts + way + self.turn_counts, lowest), highest)
+        return round(goal) - self.turn_counts
+
+    def confirm_goal(self, goal: int) -> None:
+        """Make sure that it has a goal that was sent to all: it may have missed it. Raises BusError."""
+        if self.read("Goal Position") != goal:
+            self.write("Goal Position", goal)
 
     @property
     def speed_counts(self) -> int:

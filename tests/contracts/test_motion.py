@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,6 +12,8 @@ from motion_contract import MotionCase, MotionContract
 from rig_on_zenoh import remote_rig, station
 
 from viewsep.config import Config, JointConfig, RigConfig, geometry_of
+from viewsep.drivers.dynamixel.control_table import STEP_RAD
+from viewsep.drivers.dynamixel.settings import BusSettings, ServoSettings
 from viewsep.interfaces import JointLimits
 from viewsep.kinematics import PRESETS, RigGeometry, preset, rig_geometry
 from viewsep.messages import Array
@@ -18,6 +21,7 @@ from viewsep.service.hardware import SharedMotion
 from viewsep.service.lease import Lease
 from viewsep.sim.clock import PacedClock, SimClock
 from viewsep.sim.disturbances import Disturbances
+from viewsep.sim.dynamixel.motion import EmulatedMotion
 from viewsep.sim.motion import ENCODER_STEP_RAD, SimMotion
 from viewsep.sim.plate import PhotoPlate
 from viewsep.sim.world import SimWorld
@@ -71,6 +75,23 @@ def remote(speed: float) -> Make:
     return make
 
 
+def emulated(name: str, baud: int = 1_000_000) -> Make:
+    """The servo driver on emulated servos, in real time that is three times as fast."""
+
+    def make(stack: ExitStack) -> MotionCase:
+        clock = PacedClock(3.0)
+        servos = tuple(
+            ServoSettings(replace(limit, max_speed_rad_s=0.7), number, extended=np.isinf(limit.upper_rad))
+            for number, limit in enumerate(preset(name).limits, 1)
+        )
+        # what counts in the wall's time is given more of the clock's
+        motion = EmulatedMotion(BusSettings("", servos, baud, state_hz=60.0, watchdog_s=2.5, lost_s=2.5), clock)
+        stack.callback(motion.close)
+        return MotionCase(motion, clock, STEP_RAD, np.radians(0.1))
+
+    return make
+
+
 # short ways, since some of these take real time
 SHORT = RigConfig(
     joints=(
@@ -95,11 +116,12 @@ IMPLEMENTATIONS: dict[str, Make] = {
     "shared, stepped": shared(0.0),
     "shared, real time": shared(10.0),
     "remote, stepped": remote(0.0),
+    **{f"emulated servos: {name}": emulated(name) for name in ("turntable", "pan_tilt", "wrist")},
 }
 
 
 def marked(name: str) -> pytest.ParameterSet:
-    marks = [] if name.startswith("photos") else [pytest.mark.needs_pybullet]
+    marks = [] if name.startswith(("photos", "emulated")) else [pytest.mark.needs_pybullet]
     return pytest.param(IMPLEMENTATIONS[name], marks=marks, id=name)
 
 
