@@ -96,6 +96,18 @@ def test_a_late_reply_is_not_taken_for_the_next_one(bus: Bus, emulated: Emulated
         time.sleep(0.01)
 
 
+@pytest.mark.alone
+def test_a_late_reply_is_known_by_its_length(bus: Bus, emulated: EmulatedBus) -> None:
+    """It comes while the answer to the next read of the same block is waited for, and says where the servo was."""
+    emulated.faults.add(Fault(Kind.LATE, servo_id=1, nth=1, delay_s=0.1))
+    emulated.faults.add(Fault(Kind.LATE, servo_id=1, nth=2, delay_s=0.035))
+    moved = threading.Timer(0.06, emulated[1].poke, ("Present Position", 1234))
+    moved.start()
+    assert positions(bus) == {1: 1234, 2: 2000, 3: 3000}
+    assert bus.statistics.strange == 1
+    moved.join()
+
+
 def test_a_silent_servo_does_not_silence_the_others(bus: Bus, emulated: EmulatedBus) -> None:
     emulated[1].silent = True
     assert positions(bus) == {2: 2000, 3: 3000}
