@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import signal
 import socket
@@ -14,6 +13,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
+
+import tomlkit
 
 from viewsep.client import Client, NoAnswer
 from viewsep.messages import PerceptReceived
@@ -148,11 +149,7 @@ class Serving:
             "listen_images": [self.image_endpoint],
             **self.settings.get("service", {}),
         }
-        tables = {**self.settings, "service": service}
-        return "\n".join(
-            f"[{name}]\n" + "\n".join(f"{key} = {json.dumps(value)}" for key, value in table.items())
-            for name, table in tables.items()
-        )
+        return tomlkit.dumps({**self.settings, "service": service})
 
 
 @contextmanager
