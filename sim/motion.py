@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -84,6 +84,10 @@ class SimMotion:
     def temperatures_c(self) -> tuple[float | None, ...]:
         """The simulation knows no heat."""
         return (None,) * len(self.limits())
+
+    def counters(self) -> Mapping[str, int]:
+        """There is no way to a device."""
+        return {}
 
     def close(self) -> None:
         """Leave the world."""

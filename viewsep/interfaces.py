@@ -6,7 +6,7 @@ contract suite in `tests/contracts`, run on every implementation.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
 
@@ -75,6 +75,10 @@ class MotionBackend(Protocol):
 
     def temperatures_c(self) -> tuple[float | None, ...]:
         """The newest temperature of every joint in the rig's order, None where it is not measured."""
+        ...
+
+    def counters(self) -> Mapping[str, int]:
+        """What was counted on the way to the device, by name: exchanges, retries, ...; empty where nothing is."""
         ...
 
     def close(self) -> None:

@@ -9,14 +9,15 @@ from __future__ import annotations
 
 import threading
 from collections import deque
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import asdict
 from functools import partial
 from itertools import cycle
 
 import numpy as np
 
-from viewsep.drivers.dynamixel.bus import Bus, BusStatistics
+from viewsep.drivers.dynamixel.bus import Bus
 from viewsep.drivers.dynamixel.errors import BusError, NoReply
 from viewsep.drivers.dynamixel.health import Health
 from viewsep.drivers.dynamixel.port import Trace
@@ -149,10 +150,9 @@ class DynamixelMotion:
         """The newest temperature of every joint."""
         return tuple(health.temperature_c for health in self._health) or (None,) * len(self.limits())
 
-    @property
-    def statistics(self) -> BusStatistics:
+    def counters(self) -> Mapping[str, int]:
         """What was counted on the bus."""
-        return self._bus.statistics
+        return asdict(self._bus.statistics)
 
     def close(self) -> None:
         """Stop, disarm and give the port back. Every servo is tried, then the first error is raised."""

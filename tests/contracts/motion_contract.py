@@ -84,6 +84,15 @@ class MotionContract:
         assert len(temperatures) == len(case.motion.limits())
         assert all(value is None or -40.0 < value < 150.0 for value in temperatures)
 
+    def test_counters_only_grow(self, case: MotionCase) -> None:
+        with connected(case):
+            before = case.motion.counters()
+            case.motion.move_to(within(case, 0.6))
+            after(case, 0.2)
+            counted = case.motion.counters()
+        assert counted.keys() == before.keys()
+        assert all(counted[name] >= count for name, count in before.items())
+
     def test_it_commands_what_it_says_and_arrives_there(self, case: MotionCase) -> None:
         with connected(case):
             for share in (0.8, 0.3):

@@ -59,7 +59,7 @@ def check_motion() -> None:
         note(f"the joint stands at {math.degrees(pan(motion)):.1f} deg")
         note(arrive(motion, FAR))
     with step("the driver closes") as note:
-        note(f"{motion.statistics}")
+        note(f"{dict(motion.counters())}")
         motion.close()
 
 

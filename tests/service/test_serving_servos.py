@@ -21,6 +21,7 @@ def test_a_task_on_emulated_servos_ends_with_the_right_object(settings: Mapping[
         motion = rig_of(ana).motion
         assert [joint.temperature_c for joint in motion.joints] == [30.0]
         assert motion.fault == ""
+        assert motion.counters["instructions"] > 100
         ana.home()
         until(lambda: still(ana.status()) and abs(rig_of(ana).motion.joints[0].position_deg) < 1.0, 30, "not at home")
     assert complete(result, service.folder) > 10

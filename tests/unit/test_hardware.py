@@ -68,6 +68,9 @@ class NotedMotion:
     def temperatures_c(self) -> tuple[float | None, ...]:
         return (None,)
 
+    def counters(self) -> dict[str, int]:
+        return {}
+
     def close(self) -> None:
         pass
 
@@ -147,7 +150,9 @@ def test_who_takes_over_finds_the_rig_stopped(shared: Shared) -> None:
     assert shared.lease.holder == ""
 
 
-@pytest.mark.parametrize("call", ["move_to", "stop", "read_state", "history", "fault", "clear_fault", "temperatures_c"])
+@pytest.mark.parametrize(
+    "call", ["move_to", "stop", "read_state", "history", "fault", "clear_fault", "temperatures_c", "counters"]
+)
 def test_who_was_halted_can_do_no_more(shared: Shared, call: str) -> None:
     anna = shared.motion.commanded_by("anna")
     anna.connect()

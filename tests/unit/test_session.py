@@ -100,6 +100,9 @@ class ScriptedMotion:
     def temperatures_c(self) -> tuple[float | None, ...]:
         return (None,) * len(self.limits())
 
+    def counters(self) -> dict[str, int]:
+        return {}
+
     def close(self) -> None:
         self.calls.append("close")
         if self.breaks_on_close:

@@ -36,6 +36,8 @@ def _rig_rows(rig: RigStatus | None) -> Iterator[tuple[str, str]]:
     motion, camera = rig.motion, rig.camera
     state = "not connected" if not motion.connected else "moving" if motion.moving else "standing"
     yield "motion", f"{state}{f', in the hands of {motion.holder}' if motion.holder else ''}"
+    if motion.counters:
+        yield "bus", ", ".join(f"{count:,} {name.replace('_', ' ')}" for name, count in motion.counters.items())
     age = "" if camera.newest_age_s is None else f", newest {camera.newest_age_s:.2f} s old"
     yield (
         "camera",

@@ -87,10 +87,11 @@ CALLS: dict[str, type[Call]] = {
     "fault": Call,
     "clear_fault": HolderCall,
     "temperatures": Call,
+    "counters": Call,
     "look": LookCall,
     "frame": FrameCall,
 }
-READ_ONLY = frozenset({"describe", "clock", "state", "history", "fault", "temperatures"})
+READ_ONLY = frozenset({"describe", "clock", "state", "history", "fault", "temperatures", "counters"})
 """What may be answered anew when it is asked again; everything else is carried out once."""
 
 WAITING = frozenset({"look", "frame", "sleep"})

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 
@@ -148,6 +148,10 @@ class SharedMotion:
         with self._lock:
             return self._motion.temperatures_c()
 
+    def counters(self) -> Mapping[str, int]:
+        """What was counted on the way to the device."""
+        return self._motion.counters()
+
     def close(self) -> None:
         """Stop watching, stop and release the device. Raises RigError."""
         self._ending.set()
@@ -212,6 +216,10 @@ class _Commanded:
     def temperatures_c(self) -> tuple[float | None, ...]:
         with self._shared.used_by(self._holder) as motion:
             return motion.temperatures_c()
+
+    def counters(self) -> Mapping[str, int]:
+        with self._shared.used_by(self._holder) as motion:
+            return motion.counters()
 
     def close(self) -> None:
         self._shared.release(self._holder)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any, TypeVar
@@ -148,6 +148,10 @@ class RemoteMotion:
         return self._call(
             "temperatures", lambda said: tuple(None if t is None else float(t) for t in said["temperatures_c"])
         )
+
+    def counters(self) -> Mapping[str, int]:
+        """What was counted on the way from the rig to its device."""
+        return self._call("counters", lambda said: {str(name): int(count) for name, count in said["counters"].items()})
 
     def close(self) -> None:
         """Stop and give the lease back; nothing when it is lost, as the rig is held then anyway."""

@@ -180,7 +180,10 @@ class RigRole:
             )
         )
         fault = fault or state.fault
-        status = MotionStatus(connected=True, joints=joints, moving=state.moving, fault=fault, holder=holder)
+        counters = dict(motion.counters())
+        status = MotionStatus(
+            connected=True, joints=joints, moving=state.moving, fault=fault, holder=holder, counters=counters
+        )
         return status, (fault,) if fault else ()
 
     def _goal(self, request: MoveRequest) -> tuple[float, ...]:

@@ -164,6 +164,8 @@ class RigServer:
                 return _json()
             case "temperatures":
                 return _json(temperatures_c=motion.temperatures_c())
+            case "counters":
+                return _json(counters=dict(motion.counters()))
             case _:
                 raise AssertionError(f"call {name!r} has no answer")
 

@@ -29,13 +29,15 @@ class JointStatus(Said):
 
 
 class MotionStatus(Said):
-    """The joints. `holder` says who may move them now, empty when nobody does."""
+    """The joints. `holder` says who may move them now, empty when nobody does; `counters` what was counted on the way
+    to the device (a bus of servos: instructions, bytes, retries, timeouts, ...)."""
 
     connected: bool = False
     joints: tuple[JointStatus, ...] = ()
     moving: bool = False
     fault: str = ""
     holder: str = ""
+    counters: dict[str, int] = {}
 
 
 class CameraStatus(Said):
