@@ -34,6 +34,7 @@ RIG: Table = {
         "moving": False,
         "fault": "",
         "holder": "",
+        "counters": {},
     },
     "camera": {"connected": True, "rate_hz": 4.0, "newest_age_s": 0.12, "drops": 3},
     "faults": [],

@@ -9,7 +9,7 @@ import numpy as np
 from viewsep.config import Config, ServoConfig, geometry_of
 from viewsep.drivers.dynamixel.motion import DynamixelMotion
 from viewsep.drivers.dynamixel.settings import BusSettings, ServoSettings
-from viewsep.errors import Timeout
+from viewsep.errors import BadConfig, Timeout
 from viewsep.interfaces import JointLimits, MotionBackend
 from viewsep.perception import position_at
 from viewsep.sim.clock import PacedClock, SimClock
@@ -56,6 +56,20 @@ def read_backs(motion: MotionBackend, clock: SimClock) -> JointsAt:
             clock.sleep_until(clock.now_ns() + POLL_NS)
 
     return joints_at
+
+
+def hardware_settings(config: Config, origin: str) -> BusSettings:
+    """The settings of servos that are there. Raises BadConfig for a rig that has none."""
+    if config.rig.backend != "dynamixel":
+        raise BadConfig(
+            f"{origin}: rig.backend = {config.rig.backend!r} has no servos: `viewsep rig init` writes a configuration"
+        )
+    if is_emulated(config):
+        raise BadConfig(
+            f"{origin}: dynamixel.port = 'emulated': there is nothing to set up; give the servos' port, or that which "
+            "`viewsep rig emulate` prints"
+        )
+    return bus_settings(config)
 
 
 def bus_settings(config: Config) -> BusSettings:

@@ -117,7 +117,7 @@ class Servo:
         wanted = self.settings
         self._bus.write_unanswered(wanted.servo_id, self.table["Status Return Level"], ANSWERS_ALL)
         self.arm(0.0)
-        self._check_limits()
+        self.check_limits()
         if self.read("Operating Mode") != wanted.operating_mode:
             self.write("Torque Enable", 0)
             self.write("Operating Mode", wanted.operating_mode)
@@ -190,7 +190,7 @@ class Servo:
             return 2.0 * math.sqrt(distance / acceleration)
         return distance / speed + speed / acceleration
 
-    def _check_limits(self) -> None:
+    def check_limits(self) -> None:
         """The servo's own limits must allow what the rig's promise. Raises RigError."""
         joint = self.settings.joint
         fastest = self.read("Velocity Limit")

@@ -1,0 +1,175 @@
+"""`viewsep rig` on emulated servos, and on a device that is not ours."""
+
+from __future__ import annotations
+
+import os
+import re
+import threading
+import tty
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+from shell import Shell
+
+from viewsep.clock import MonotonicClock
+from viewsep.config import load_config
+from viewsep.sim.dynamixel.bus import EmulatedBus
+from viewsep.sim.dynamixel.packets import with_crc
+from viewsep.sim.dynamixel.port import EmulatedPort
+from viewsep.sim.dynamixel.presets import PRESETS, emulated_bus
+
+
+@pytest.fixture
+def bus() -> EmulatedBus:
+    return emulated_bus("pan_tilt", MonotonicClock())
+
+
+@pytest.fixture
+def port(bus: EmulatedBus) -> Iterator[str]:
+    with EmulatedPort(bus) as port:
+        yield port.name
+
+
+@pytest.fixture
+def config(shell: Shell, port: str, tmp_path: Path) -> str:
+    file = tmp_path / "rig.toml"
+    assert shell("rig", "init", "--preset", "pan_tilt", "--port", port, "-o", str(file)).code == 0
+    return str(file)
+
+
+@contextmanager
+def pinged_only() -> Iterator[str]:
+    """A device that knows Ping and nothing else: id 9, model 0x7777, firmware 3. Written from the e-manual."""
+    master, slave = os.openpty()
+    tty.setraw(slave)
+    answer = with_crc(bytes.fromhex("FFFFFD000907005500777703"))
+
+    def serve() -> None:
+        heard = b""
+        while True:
+            try:
+                heard += os.read(master, 64)
+            except OSError:
+                return
+            for asked in (0x09, 0xFE):
+                ping = bytes([0xFF, 0xFF, 0xFD, 0x00, asked, 0x03, 0x00, 0x01])
+                if ping in heard:
+                    heard = b""
+                    os.write(master, answer)
+
+    thread = threading.Thread(target=serve, daemon=True)
+    thread.start()
+    try:
+        yield os.ttyname(slave)
+    finally:
+        os.close(slave)
+        thread.join(5.0)
+        os.close(master)
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+def test_init_writes_a_configuration_that_loads(shell: Shell, tmp_path: Path, preset: str) -> None:
+    file = tmp_path / "rig.toml"
+    assert shell("rig", "init", "--preset", preset, "-o", str(file)).code == 0
+    config = load_config(file)
+    assert config.rig.preset == preset
+    assert config.dynamixel.port == "emulated"
+    assert [servo.id for servo in config.dynamixel.servos] == list(PRESETS[preset])
+    for key in type(config.dynamixel).model_fields:
+        assert f"\n{key} = " in file.read_text() or key == "servos"
+    before = file.read_text()
+    again = shell("rig", "init", "--preset", "wrist", "-o", str(file))
+    assert (again.code, file.read_text()) == (2, before)
+    assert "exists: choose another name" in again.err
+    assert shell("rig", "init", "--preset", "wrist", "-o", str(file), "--force").code == 0
+    assert file.read_text() != before or preset == "wrist"
+
+
+def test_scan_prints_id_model_firmware_and_baud(shell: Shell, port: str) -> None:
+    ended = shell("rig", "scan", "--port", port, "--baud", "57600", "--json")
+    assert ended.code == 0
+    assert ended.json == [{"id": i, "model": "XL430-W250", "firmware": 47, "baud": 57600} for i in (1, 2)]
+    nobody = shell("rig", "scan", "--port", port, "--baud", "1000000")
+    assert (nobody.code, nobody.out) == (1, "")
+    assert "no servo answers" in nobody.err
+
+
+def test_doctor_finds_nothing_wrong_with_good_servos(shell: Shell, config: str) -> None:
+    ended = shell("rig", "doctor", "--config", config, "--json")
+    assert ended.code == 0, ended.out
+    verdicts = {check["check"]: check["verdict"] for check in ended.json}
+    assert verdicts["servo 1 (joint 'tilt'): model"] == "pass"
+    assert verdicts["servo 2 (joint 'pan'): limits"] == "pass"
+    assert verdicts["servo 2 (joint 'pan'): operating mode"] == "could be better"  # it is still in position mode
+    assert verdicts["servo 1 (joint 'tilt'): return delay"] == "could be better"
+    assert "fail" not in verdicts.values()
+
+
+def test_doctor_says_what_is_wrong_and_what_to_do(shell: Shell, bus: EmulatedBus, config: str) -> None:
+    bus[1].temperature_c = 80
+    bus[1].poke("Max Position Limit", 2100)
+    bus[2].silent = True
+    ended = shell("rig", "doctor", "--config", config)
+    assert ended.code == 1
+    said = " ".join(ended.out.replace("│", " ").split())
+    for words in ("no answer", "80 of at most", "let it cool", "too narrow"):
+        assert words in said
+
+
+def test_scan_and_doctor_work_on_a_device_that_is_not_ours(shell: Shell) -> None:
+    with pinged_only() as name:
+        ended = shell("rig", "scan", "--port", name, "--baud", "57600", "--json")
+        assert ended.code == 0, ended.err
+        assert ended.json == [{"id": 9, "model": "model 30583", "firmware": 3, "baud": 57600}]
+        ended = shell("rig", "doctor", "--port", name, "--json")
+        assert ended.code == 0, ended.err
+        assert {"check": "servo 9: model", "verdict": "pass", "found": "model 30583", "remedy": ""} in ended.json
+
+
+def test_jog_turns_one_joint(shell: Shell, bus: EmulatedBus, config: str) -> None:
+    ended = shell("rig", "jog", "--config", config, "--joint", "tilt", "--by-deg", "5")
+    assert ended.code == 0, ended.err
+    assert "tilt: 5.01 deg, set-point 5.01 deg" in ended.out
+    assert (bus[1].counts, bus[2].counts) == (2048 + 57, 2048)
+    assert bus[1]["Torque Enable"] == 1
+    assert bus[1]["Bus Watchdog"] == 0
+
+
+def test_a_dry_run_prints_the_packets_and_moves_nothing(shell: Shell, bus: EmulatedBus, config: str) -> None:
+    ended = shell("rig", "jog", "--config", config, "--joint", "tilt", "--to-deg", "-10", "--dry-run")
+    assert ended.code == 0, ended.err
+    assert "would send: FF FF FD 00 01 06 00 03 40 00 01 DB 66" in ended.out  # Torque Enable = 1
+    assert "Goal Position = 1934 counts, -10.02 deg" in ended.out
+    assert (bus[1].counts, bus[1]["Torque Enable"]) == (2048, 0)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (("jog", "--joint", "roll", "--by-deg", "1"), "--joint 'roll': the joints in .* are tilt, pan"),
+        (("jog", "--joint", "pan"), "give --by-deg or --to-deg"),
+        (("jog", "--joint", "tilt", "--to-deg", "80"), "joint 'tilt': set-point 80.00 deg is outside"),
+    ],
+)
+def test_bad_input_gets_one_sentence(shell: Shell, config: str, arguments: tuple[str, ...], sentence: str) -> None:
+    ended = shell("rig", *arguments, "--config", config)
+    assert ended.code in (1, 2)
+    assert "Traceback" not in ended.err
+    assert re.search(sentence, " ".join(ended.err.split()))
+
+
+def test_without_servos_there_is_nothing_to_set_up(shell: Shell, tmp_path: Path) -> None:
+    file = tmp_path / "rig.toml"
+    shell("rig", "init", "--preset", "turntable", "-o", str(file))
+    ended = shell("rig", "doctor", "--config", str(file))
+    assert ended.code == 2
+    assert "dynamixel.port = 'emulated': there is nothing to set up" in " ".join(ended.err.split())
+
+
+def test_a_port_that_is_not_there_is_named(shell: Shell) -> None:
+    ended = shell("rig", "scan", "--port", "/dev/ttyNOWHERE", "--baud", "57600")
+    assert ended.code == 1
+    assert "there is no serial port /dev/ttyNOWHERE" in " ".join(ended.err.split())
+    assert shell("rig", "scan", "--port", "/dev/ttyNOWHERE", "--baud", "5").code == 2

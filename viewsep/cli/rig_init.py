@@ -1,0 +1,99 @@
+"""`viewsep rig init`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+
+from viewsep.cli.console import people
+from viewsep.cli.rig_emulate import Preset
+from viewsep.drivers.dynamixel.bus import BAUDS
+from viewsep.errors import BadInput
+from viewsep.files import write_whole
+from viewsep.kinematics import preset as rig_preset
+from viewsep.servo_rig import EMULATED
+
+HEAD = """\
+# A {preset} on DYNAMIXEL servos; docs/hardware.md says how to set it up. Angles are in degrees, times in seconds.
+# Every other key has the default shown in docs/config/gimbal.toml.
+
+[rig]
+backend = "dynamixel"
+preset = "{preset}"            # its joints and their limits; another rig: [[rig.joints]] as in docs/config/wrist.toml
+camera_elevation_deg = {elevation:g}   # how high the camera looks down on the object
+
+[dynamixel]
+port = "{port}"{remark}
+baud = {baud}                   # of all servos; 1000000 is better for three of them
+state_hz = 100.0               # how often the servos are read, as far as the baud allows
+retries = 3                    # of an instruction that is not answered
+watchdog_s = 0.5               # a servo that hears nothing for this long stops by itself; 0: never
+when_stopped = "hold"          # or "release": let the joints go
+settle_within_deg = 0.5        # a joint this close to its set-point has arrived
+lost_s = 0.5                   # a servo that is silent for this long is lost
+emulated_speed = 1.0           # seconds of emulated servos per second
+"""
+SERVO = """
+[[dynamixel.servos]]           # {limits}
+joint = "{joint}"
+id = {number}
+model = ""                     # e.g. "XL430-W250"; empty: any
+mode = "{mode}"{space}# "position": within one turn of the servo, "extended": 256 turns each way
+zero_counts = 2048             # position of the servo when the joint is at zero
+direction = 1                  # -1: the joint turns the other way
+gear_ratio = 1.0               # turns of the servo for one turn of the joint
+acceleration_deg_s2 = 300.0
+# effort_limit = 0.5           # share of full load, or A where the model measures current
+# temperature_limit_c = 60.0   # left out: the servo's own limits
+# min_voltage_v = 10.0
+# max_voltage_v = 13.0
+"""
+
+
+def init(
+    preset: Annotated[Preset, typer.Option(help="Which joints there are.")],
+    port: Annotated[str, typer.Option(help="Serial port of the servos.", metavar="PORT")] = EMULATED,
+    baud: Annotated[int, typer.Option(help="Baud of the servos.")] = 57600,
+    output: Annotated[Path, typer.Option("--output", "-o", help="File to write.")] = Path("rig.toml"),
+    force: Annotated[bool, typer.Option(help="Replace an existing file.")] = False,
+) -> None:
+    """Write a commented configuration for a rig of servos.
+
+    Without --port the servos are emulated, and everything can be tried without hardware.
+
+    Examples:
+
+        viewsep rig init --preset turntable --port /dev/serial/by-id/usb-FTDI_USB-RS485
+
+        viewsep rig init --preset pan_tilt -o rig.toml
+    """
+    if baud not in BAUDS:
+        raise BadInput(f"--baud {baud}: servos know {', '.join(str(known) for known in sorted(BAUDS))}")
+    if '"' in port or "\\" in port:
+        raise BadInput(f"--port {port!r} is no name of a port: `viewsep rig ports` lists them")
+    if output.exists() and not force:
+        raise BadInput(f"{output} exists: choose another name with -o, or --force to replace it")
+    write_whole(output, configuration(preset.value, port, baud).encode(), "configuration")
+    next_step = (
+        f"viewsep separate --config {output} ..." if port == EMULATED else f"viewsep rig doctor --config {output}"
+    )
+    people.print(f"wrote {output}; next: {next_step}", soft_wrap=True, highlight=False)
+
+
+def configuration(preset: str, port: str, baud: int) -> str:
+    """The file's text."""
+    geometry = rig_preset(preset)
+    elevation = float(np.degrees(np.arcsin(geometry.camera_direction[2])))
+    remark = "              # no hardware; `viewsep rig ports` lists the real ones" if port == EMULATED else ""
+    text = HEAD.format(preset=preset, elevation=round(elevation, 6), port=port, remark=remark, baud=baud)
+    for number, joint in enumerate(geometry.limits, 1):
+        free = not np.isfinite(joint.upper_rad)
+        limits = (
+            "turns freely" if free else f"{np.degrees(joint.lower_rad):g} to {np.degrees(joint.upper_rad):g} degrees"
+        )
+        mode = "extended" if free else "position"
+        text += SERVO.format(joint=joint.name, number=number, mode=mode, space=" " * 13, limits=limits)
+    return text
