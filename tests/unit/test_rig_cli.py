@@ -19,6 +19,7 @@ from viewsep.sim.dynamixel.bus import EmulatedBus
 from viewsep.sim.dynamixel.packets import with_crc
 from viewsep.sim.dynamixel.port import EmulatedPort
 from viewsep.sim.dynamixel.presets import PRESETS, emulated_bus
+from viewsep.sim.dynamixel.servo import EmulatedServo
 
 
 @pytest.fixture
@@ -145,11 +146,87 @@ def test_a_dry_run_prints_the_packets_and_moves_nothing(shell: Shell, bus: Emula
     assert (bus[1].counts, bus[1]["Torque Enable"]) == (2048, 0)
 
 
+def test_home_drives_every_joint_to_zero(shell: Shell, bus: EmulatedBus, config: str) -> None:
+    bus[2].turn_by_hand(0.2)
+    ended = shell("rig", "home", "--config", config)
+    assert ended.code == 0, ended.err
+    assert ended.out == "tilt: 0.00 deg\npan: 0.00 deg\n"
+    assert (bus[1].counts, bus[2].counts) == (2048, 2048)
+
+
+def test_a_zero_found_by_hand_is_saved_beside_a_copy_of_the_file(shell: Shell, bus: EmulatedBus, config: str) -> None:
+    before = Path(config).read_text()
+    turned = threading.Timer(0.5, bus[2].turn_by_hand, (0.3,))
+    turned.start()
+    ended = shell("rig", "home", "--config", config, "--joint", "pan", "--by-hand", "--seconds", "1")
+    turned.join()
+    assert ended.code == 0, ended.err
+    assert [servo.zero_counts for servo in load_config(Path(config)).dynamixel.servos] == [2048, 2048 + 196]
+    assert Path(f"{config}.bak").read_text() == before
+    assert bus[2]["Torque Enable"] == 1
+    assert Path(config).read_text().count("#") == before.count("#")
+    assert shell("rig", "home", "--config", config, "--joint", "pan", "--by-hand", "--seconds", "1").code == 0
+    assert Path(f"{config}.bak.1").exists()
+
+
+@pytest.mark.parametrize(("model", "effort"), [("XL430-W250", "0.2"), ("XM430-W350", "0.2")])
+def test_a_zero_found_at_a_mechanical_stop(shell: Shell, tmp_path: Path, model: str, effort: str) -> None:
+    servo = EmulatedServo(1, model, clock=MonotonicClock())
+    servo.mechanical_stops = (1500, 2300)
+    file = str(tmp_path / "rig.toml")
+    with EmulatedPort(EmulatedBus([servo])) as port:
+        assert shell("rig", "init", "--preset", "turntable", "--port", port.name, "-o", file).code == 0
+        options = ("--joint", "pan", "--at-stop", "--stop-deg", "30", "--effort", effort)
+        ended = shell("rig", "home", "--config", file, *options)
+    assert ended.code == 0, ended.err
+    (found,) = load_config(Path(file)).dynamixel.servos
+    assert found.zero_counts == pytest.approx(2300 - 30 / 360 * 4096, abs=3)
+    assert servo["Hardware Error Status"] == 0
+    assert servo["Operating Mode"] == 4
+    assert servo.counts < 2280  # it has backed off
+    assert servo["Goal PWM"] == servo["PWM Limit"]
+
+
+def test_without_a_stop_it_says_so_and_saves_nothing(shell: Shell, bus: EmulatedBus, config: str) -> None:
+    before = Path(config).read_text()
+    bus[2].poke("Profile Acceleration", 0)
+    options = ("--joint", "pan", "--at-stop", "--stop-deg", "30", "--backwards")
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr("viewsep.drivers.dynamixel.homing.SPEED_RAD_S", 5.0)
+        ended = shell("rig", "home", "--config", config, *options)
+    assert ended.code == 1
+    assert "met no mechanical stop within one turn" in " ".join(ended.err.split())
+    assert Path(config).read_text() == before
+
+
+def test_calibrate_measures_what_the_encoder_sees(
+    shell: Shell, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A servo that rests 3 counts beside its goals: the tolerance is raised, with a copy of the file before."""
+    monkeypatch.setattr("viewsep.repeatability.REACH_RAD", 0.1)
+    monkeypatch.setattr("viewsep.repeatability.TARGETS", (0.0, 0.05))
+    servo = EmulatedServo(1, clock=MonotonicClock(), goal_error=3)
+    file = tmp_path / "rig.toml"
+    with EmulatedPort(EmulatedBus([servo])) as port:
+        assert shell("rig", "init", "--preset", "turntable", "--port", port.name, "-o", str(file)).code == 0
+        ended = shell("rig", "calibrate", "--config", str(file), "--repeats", "1", "--json")
+    assert ended.code == 0, ended.err
+    (pan,) = ended.json
+    assert abs(pan["from_below_deg"]) == pytest.approx(3 * 360 / 4096, abs=0.05)
+    assert pan["spread_deg"] < 0.05
+    assert load_config(file).dynamixel.settle_within_deg == pytest.approx(0.8)
+    assert load_config(Path(f"{file}.bak")).dynamixel.settle_within_deg == 0.5
+
+
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
         (("jog", "--joint", "roll", "--by-deg", "1"), "--joint 'roll': the joints in .* are tilt, pan"),
         (("jog", "--joint", "pan"), "give --by-deg or --to-deg"),
+        (("home", "--joint", "pan"), "--joint goes with --by-hand or --at-stop"),
+        (("home", "--joint", "pan", "--at-stop"), "--at-stop needs --stop-deg"),
+        (("home", "--joint", "pan", "--at-stop", "--by-hand"), "exclude each other"),
+        (("calibrate", "--joint", "roll"), "--joint 'roll': the joints in .* are tilt, pan"),
         (("jog", "--joint", "tilt", "--to-deg", "80"), "joint 'tilt': set-point 80.00 deg is outside"),
     ],
 )

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import signal
 from pathlib import Path
-from types import FrameType
 from typing import Annotated
 
 import numpy as np
 import typer
 
 from viewsep.cli.console import people, results
-from viewsep.cli.exit_codes import EXIT_INTERRUPTED
+from viewsep.cli.rig_interrupt import interrupt_noted
 from viewsep.clock import MonotonicClock
 from viewsep.config import load_config
 from viewsep.drivers.dynamixel.bus import Bus
@@ -52,31 +50,24 @@ def jog(
     if dry_run:
         _print_packets(settings, index, by_deg, to_deg)
         return
-    clock, interrupted = MonotonicClock(), []
-
-    def interrupt(number: int, _frame: FrameType | None) -> None:
-        interrupted.append(number)
-
-    before = signal.signal(signal.SIGINT, interrupt)
+    clock = MonotonicClock()
     motion = DynamixelMotion(settings, clock)
-    motion.connect()
-    try:
-        goal = list(motion.read_state().position_rad)
-        goal[index] = _goal(goal[index], by_deg, to_deg)
-        motion.move_to(goal)
-        while (state := motion.read_state()).moving and not interrupted:
-            if fault := motion.fault():
-                raise RigError(fault)
-            people.print(_sentence(joint, index, state), end="\r", highlight=False)
-            clock.sleep_until(clock.now_ns() + POLL_NS)
-        if interrupted:
-            motion.stop()
-        results.print(_sentence(joint, index, motion.read_state()), highlight=False)
-    finally:
-        motion.close()
-        signal.signal(signal.SIGINT, before)
-    if interrupted:
-        raise typer.Exit(EXIT_INTERRUPTED)
+    with interrupt_noted() as ended:
+        motion.connect()
+        try:
+            goal = list(motion.read_state().position_rad)
+            goal[index] = _goal(goal[index], by_deg, to_deg)
+            motion.move_to(goal)
+            while (state := motion.read_state()).moving and not ended():
+                if fault := motion.fault():
+                    raise RigError(fault)
+                people.print(_sentence(joint, index, state), end="\r", highlight=False)
+                clock.sleep_until(clock.now_ns() + POLL_NS)
+            if ended():
+                motion.stop()
+            results.print(_sentence(joint, index, motion.read_state()), highlight=False)
+        finally:
+            motion.close()
 
 
 def _goal(position_rad: float, by_deg: float | None, to_deg: float | None) -> float:

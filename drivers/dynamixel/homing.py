@@ -1,0 +1,90 @@
+"""Finding a joint's zero: turned there by hand with the torque off, or from a mechanical stop at a known angle."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+from viewsep.drivers.dynamixel.control_table import STEP_RAD
+from viewsep.drivers.dynamixel.servo import Servo
+from viewsep.drivers.dynamixel.settings import EXTENDED_POSITION
+from viewsep.errors import RigError
+from viewsep.interfaces import Clock
+
+CURRENT_BASED_POSITION = 5
+POLL_NS = 20_000_000
+STALLED_NS = 500_000_000  # without motion for this long, it is at the stop
+LONGEST_S = 60.0
+SPEED_RAD_S = math.radians(15.0)
+BACK_RAD = math.radians(3.0)  # from the stop, so that nothing presses against it
+
+Tell = Callable[[int], None]
+"""Hears the servo's position in counts."""
+
+
+def zero_by_hand(servo: Servo, clock: Clock, seconds: float, tell: Tell, ended: Callable[[], bool]) -> int:
+    """Let the joint go, wait until somebody has turned it to zero, hold it there; returns `zero_counts`.
+
+    It waits for `seconds`, or until `ended()`. Raises BusError.
+    """
+    servo.arm(0.0)
+    servo.release()
+    until_ns = clock.now_ns() + round(seconds * 1e9)
+    while clock.now_ns() < until_ns and not ended():
+        tell(servo.read("Present Position"))
+        clock.sleep_until(clock.now_ns() + POLL_NS)
+    zero = servo.read("Present Position")
+    servo.prepare()
+    return zero
+
+
+def zero_at_stop(
+    servo: Servo, clock: Clock, direction: int, stop_rad: float, effort: float, tell: Tell, ended: Callable[[], bool]
+) -> int:
+    """Drive gently against a mechanical stop that is at `stop_rad`, back off, hold; returns `zero_counts`.
+
+    `direction` is the joint's, 1 or -1; `effort` a share of full output, or A where the model controls current. Raises
+    RigError when no stop is met, or `ended()` says to stop before.
+    """
+    wanted = servo.settings
+    turning = direction * wanted.direction
+    try:
+        stop = _press(servo, clock, turning, effort, tell, ended)
+        servo.write("Goal Position", stop - turning * round(BACK_RAD / wanted.step_rad))
+        clock.sleep_until(clock.now_ns() + round((BACK_RAD / SPEED_RAD_S + 0.5) * 1e9))
+    finally:
+        servo.write("Torque Enable", 0)
+        for register in ("Goal PWM", "Goal Current"):
+            limit = register.replace("Goal", "") + " Limit"
+            if limit.strip() in servo.table:
+                servo.write(register, servo.read(limit.strip()))
+        servo.prepare()
+    return stop - wanted.direction * round(stop_rad / wanted.step_rad)
+
+
+def _press(servo: Servo, clock: Clock, turning: int, effort: float, tell: Tell, ended: Callable[[], bool]) -> int:
+    """Turn slowly with little effort until nothing moves; returns the position."""
+    by_current = "Goal Current" in servo.table
+    limiting = servo.table["Goal Current" if by_current else "Goal PWM"]
+    servo.arm(0.0)
+    servo.write("Torque Enable", 0)
+    servo.write("Operating Mode", CURRENT_BASED_POSITION if by_current else EXTENDED_POSITION)
+    speed = max(1, round(SPEED_RAD_S * servo.settings.gear_ratio / servo.table["Profile Velocity"].scale))
+    servo.write("Profile Velocity", speed)
+    servo.write("Torque Enable", 1)
+    servo.write(limiting.name, max(1, round(effort / limiting.scale)))
+    begin = last = servo.read("Present Position")
+    turns = round(2.0 * math.pi * servo.settings.gear_ratio / STEP_RAD)
+    servo.write("Goal Position", begin + turning * turns)
+    moved_ns, until_ns = clock.now_ns(), clock.now_ns() + round(LONGEST_S * 1e9)
+    while clock.now_ns() - moved_ns < STALLED_NS:
+        if ended():
+            raise RigError(f"{servo.name}: stopped before it met its mechanical stop; zero_counts stays as it was")
+        if clock.now_ns() > until_ns or abs(last - begin) >= turns - 1:
+            raise RigError(f"{servo.name} met no mechanical stop within one turn of the joint: is there one?")
+        position = servo.read("Present Position")
+        tell(position)
+        if abs(position - last) > 1:
+            last, moved_ns = position, clock.now_ns()
+        clock.sleep_until(clock.now_ns() + POLL_NS)
+    return servo.read("Present Position")

@@ -1,0 +1,54 @@
+"""Changing single values of a configuration file: comments and order stay, and so does a copy of how it was."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import tomlkit
+
+from viewsep.config import load_config, parse_config
+from viewsep.files import write_whole
+
+
+def change(path: Path, edit: Callable[[Any], None]) -> Path:
+    """Apply `edit` to the parsed file, check the outcome, and write it; returns where the file before is kept.
+
+    Raises BadConfig, BadInput; the file is unchanged then.
+    """
+    load_config(path)
+    before = path.read_text(encoding="utf-8")
+    document = tomlkit.parse(before)
+    edit(document)
+    parse_config(document.unwrap(), str(path))
+    backup = _unused(path)
+    write_whole(backup, before.encode(), "copy of the configuration")
+    write_whole(path, tomlkit.dumps(document).encode(), "configuration")
+    return backup
+
+
+def set_servo(path: Path, joint: int, key: str, value: float | int) -> Path:
+    """Set one key of a joint's servo."""
+
+    def edit(document: Any) -> None:
+        document["dynamixel"]["servos"][joint][key] = value
+
+    return change(path, edit)
+
+
+def set_bus(path: Path, key: str, value: float | int) -> Path:
+    """Set one key of the bus."""
+
+    def edit(document: Any) -> None:
+        document["dynamixel"][key] = value
+
+    return change(path, edit)
+
+
+def _unused(path: Path) -> Path:
+    """A name for the copy that nothing has."""
+    number = 0
+    while (backup := path.with_name(f"{path.name}.bak{f'.{number}' if number else ''}")).exists():
+        number += 1
+    return backup
