@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -17,14 +18,16 @@ def change(path: Path, edit: Callable[[Any], None]) -> Path:
 
     Raises BadConfig, BadInput; the file is unchanged then.
     """
+    path = path.resolve()  # a link stays one
     load_config(path)
-    before = path.read_text(encoding="utf-8")
-    document = tomlkit.parse(before)
+    before = path.read_bytes()
+    document = tomlkit.parse(before.decode())
     edit(document)
-    parse_config(document.unwrap(), str(path))
+    after = tomlkit.dumps(document)
+    parse_config(tomllib.loads(after), str(path))
     backup = _unused(path)
-    write_whole(backup, before.encode(), "copy of the configuration")
-    write_whole(path, tomlkit.dumps(document).encode(), "configuration")
+    write_whole(backup, before, "copy of the configuration")
+    write_whole(path, after.encode(), "configuration")
     return backup
 
 

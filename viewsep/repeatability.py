@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
-from viewsep.errors import RigError, Timeout
 from viewsep.interfaces import Clock, JointLimits, MotionBackend
+from viewsep.messages import JointState
+from viewsep.moves import move_and_wait
 
-POLL_NS = 20_000_000
-ARRIVE_S = 60.0
 REACH_RAD = np.radians(20.0)  # how far to each side a target is approached from
 TARGETS = (-0.3, 0.0, 0.3)  # of half the range
 
@@ -37,9 +36,17 @@ class Repeatability:
 
 
 def measure(
-    motion: MotionBackend, clock: Clock, joint: int, repeats: int, tick: Callable[[], None] = lambda: None
+    motion: MotionBackend,
+    clock: Clock,
+    joint: int,
+    repeats: int,
+    tick: Callable[[], None] = lambda: None,
+    watch: Callable[[JointState], None] = lambda state: None,
 ) -> Repeatability:
-    """Approach targets of one joint from both sides, `repeats` times; the other joints stay. Raises RigError."""
+    """Approach targets of one joint from both sides, `repeats` times; the other joints stay. Raises RigError.
+
+    `tick` hears of every approach, `watch` of every read-back; it stops by raising.
+    """
     limit = motion.limits()[joint]
     rest = list(motion.read_state().position_rad)
     errors: dict[int, list[float]] = {-1: [], 1: []}
@@ -48,11 +55,11 @@ def measure(
             for side in (-1, 1):
                 before, there = list(rest), list(rest)
                 before[joint], there[joint] = target + side * _reach(limit), target
-                _arrive(motion, clock, before)
-                commanded = _arrive(motion, clock, there)
-                errors[side].append(motion.read_state().position_rad[joint] - commanded[joint])
+                move_and_wait(motion, clock, before, watch)
+                commanded, rested = move_and_wait(motion, clock, there, watch)
+                errors[side].append(rested.position_rad[joint] - commanded[joint])
                 tick()
-    _arrive(motion, clock, rest)
+    move_and_wait(motion, clock, rest, watch)
     below, above = np.array(errors[-1]), np.array(errors[1])
     spread = float(max(below.std(), above.std()))
     worst = float(np.abs([*below, *above]).max())
@@ -70,16 +77,3 @@ def _reach(limit: JointLimits) -> float:
 def _targets(limit: JointLimits) -> list[float]:
     middle = (limit.lower_rad + limit.upper_rad) / 2 if np.isfinite(limit.upper_rad - limit.lower_rad) else 0.0
     return [middle + share * _half_range(limit) for share in TARGETS]
-
-
-def _arrive(motion: MotionBackend, clock: Clock, goal: Sequence[float]) -> tuple[float, ...]:
-    """Move and wait until all stands still. Raises RigError, Timeout."""
-    commanded = motion.move_to(goal)
-    until_ns = clock.now_ns() + round(ARRIVE_S * 1e9)
-    while motion.read_state().moving:
-        if fault := motion.fault():
-            raise RigError(fault)
-        if clock.now_ns() > until_ns:
-            raise Timeout(f"the joints did not come to rest within {ARRIVE_S:g} s")
-        clock.sleep_until(clock.now_ns() + POLL_NS)
-    return commanded

@@ -8,15 +8,17 @@ from collections.abc import Callable
 from viewsep.drivers.dynamixel.control_table import STEP_RAD
 from viewsep.drivers.dynamixel.servo import Servo
 from viewsep.drivers.dynamixel.settings import EXTENDED_POSITION
-from viewsep.errors import RigError
+from viewsep.errors import Interrupted, RigError
 from viewsep.interfaces import Clock
 
 CURRENT_BASED_POSITION = 5
 POLL_NS = 20_000_000
 STALLED_NS = 500_000_000  # without motion for this long, it is at the stop
 LONGEST_S = 60.0
+WATCHDOG_S = 0.5  # a process that dies leaves no servo pressing
 SPEED_RAD_S = math.radians(15.0)
 BACK_RAD = math.radians(3.0)  # from the stop, so that nothing presses against it
+BACK_S = BACK_RAD / SPEED_RAD_S + 0.5
 
 Tell = Callable[[int], None]
 """Hears the servo's position in counts."""
@@ -29,13 +31,10 @@ def zero_by_hand(servo: Servo, clock: Clock, seconds: float, tell: Tell, ended: 
     """
     servo.arm(0.0)
     servo.release()
-    until_ns = clock.now_ns() + round(seconds * 1e9)
-    while clock.now_ns() < until_ns and not ended():
-        tell(servo.read("Present Position"))
-        clock.sleep_until(clock.now_ns() + POLL_NS)
+    _watch(servo, clock, seconds, tell, ended)
     zero = servo.read("Present Position")
-    servo.prepare()
-    return zero
+    servo.restore()
+    return servo.settings.with_zero(zero).zero_counts
 
 
 def zero_at_stop(
@@ -44,22 +43,22 @@ def zero_at_stop(
     """Drive gently against a mechanical stop that is at `stop_rad`, back off, hold; returns `zero_counts`.
 
     `direction` is the joint's, 1 or -1; `effort` a share of full output, or A where the model controls current. Raises
-    RigError when no stop is met, or `ended()` says to stop before.
+    RigError when no stop is met, Interrupted when `ended()` before.
     """
     wanted = servo.settings
     turning = direction * wanted.direction
     try:
         stop = _press(servo, clock, turning, effort, tell, ended)
         servo.write("Goal Position", stop - turning * round(BACK_RAD / wanted.step_rad))
-        clock.sleep_until(clock.now_ns() + round((BACK_RAD / SPEED_RAD_S + 0.5) * 1e9))
+        _watch(servo, clock, BACK_S, tell, lambda: False)
     finally:
-        servo.write("Torque Enable", 0)
-        for register in ("Goal PWM", "Goal Current"):
-            limit = register.replace("Goal", "") + " Limit"
-            if limit.strip() in servo.table:
-                servo.write(register, servo.read(limit.strip()))
-        servo.prepare()
-    return stop - wanted.direction * round(stop_rad / wanted.step_rad)
+        servo.arm(0.0)
+        servo.hold()  # before it has its strength back
+        for limited in ("PWM", "Current"):
+            if f"Goal {limited}" in servo.table:
+                servo.write(f"Goal {limited}", servo.read(f"{limited} Limit"))
+        servo.restore()
+    return wanted.with_zero(stop - wanted.direction * round(stop_rad / wanted.step_rad)).zero_counts
 
 
 def _press(servo: Servo, clock: Clock, turning: int, effort: float, tell: Tell, ended: Callable[[], bool]) -> int:
@@ -67,19 +66,20 @@ def _press(servo: Servo, clock: Clock, turning: int, effort: float, tell: Tell, 
     by_current = "Goal Current" in servo.table
     limiting = servo.table["Goal Current" if by_current else "Goal PWM"]
     servo.arm(0.0)
-    servo.write("Torque Enable", 0)
+    servo.release()
     servo.write("Operating Mode", CURRENT_BASED_POSITION if by_current else EXTENDED_POSITION)
     speed = max(1, round(SPEED_RAD_S * servo.settings.gear_ratio / servo.table["Profile Velocity"].scale))
     servo.write("Profile Velocity", speed)
-    servo.write("Torque Enable", 1)
+    servo.hold()
     servo.write(limiting.name, max(1, round(effort / limiting.scale)))
+    servo.arm(WATCHDOG_S)
     begin = last = servo.read("Present Position")
     turns = round(2.0 * math.pi * servo.settings.gear_ratio / STEP_RAD)
     servo.write("Goal Position", begin + turning * turns)
     moved_ns, until_ns = clock.now_ns(), clock.now_ns() + round(LONGEST_S * 1e9)
     while clock.now_ns() - moved_ns < STALLED_NS:
         if ended():
-            raise RigError(f"{servo.name}: stopped before it met its mechanical stop; zero_counts stays as it was")
+            raise Interrupted(f"{servo.name}: stopped before it met its mechanical stop; zero_counts stays as it was")
         if clock.now_ns() > until_ns or abs(last - begin) >= turns - 1:
             raise RigError(f"{servo.name} met no mechanical stop within one turn of the joint: is there one?")
         position = servo.read("Present Position")
@@ -88,3 +88,11 @@ def _press(servo: Servo, clock: Clock, turning: int, effort: float, tell: Tell, 
             last, moved_ns = position, clock.now_ns()
         clock.sleep_until(clock.now_ns() + POLL_NS)
     return servo.read("Present Position")
+
+
+def _watch(servo: Servo, clock: Clock, seconds: float, tell: Tell, ended: Callable[[], bool]) -> None:
+    """Read the position for some time."""
+    until_ns = clock.now_ns() + round(seconds * 1e9)
+    while clock.now_ns() < until_ns and not ended():
+        tell(servo.read("Present Position"))
+        clock.sleep_until(clock.now_ns() + POLL_NS)

@@ -113,14 +113,20 @@ class Servo:
         return in_words(self.read("Hardware Error Status"))
 
     def prepare(self) -> None:
-        """Bring it into the state the configuration wants and let it hold where it is. Raises RigError.
+        """Bring it into the state the configuration wants and let it hold where it is.
+
+        Raises RigError; where its limits do not allow what the configuration promises, nothing is changed.
+        """
+        self.check_limits()
+        self.restore()
+
+    def restore(self) -> None:
+        """The configuration's mode and profile, and hold. Raises RigError.
 
         Registers in EEPROM are written only where they differ; the torque is off for that moment alone.
         """
         wanted = self.settings
-        self._bus.write_unanswered(wanted.servo_id, self.table["Status Return Level"], ANSWERS_ALL)
         self.arm(0.0)
-        self.check_limits()
         if self.read("Operating Mode") != wanted.operating_mode:
             self.write("Torque Enable", 0)
             self.write("Operating Mode", wanted.operating_mode)
@@ -225,7 +231,10 @@ class Servo:
 
 
 def handshake(bus: Bus, wanted: tuple[ServoSettings, ...]) -> tuple[Servo, ...]:
-    """The servos that must be there. Raises RigError that lists the missing, the wrong and the unexpected ones."""
+    """The servos that must be there, set to answer everything.
+
+    Raises RigError that lists the missing, the wrong and the unexpected ones.
+    """
     answers = {found.servo_id: found for found in bus.ping_each([servo.servo_id for servo in wanted])}
     problems = []
     for servo in wanted:
@@ -245,7 +254,9 @@ def handshake(bus: Bus, wanted: tuple[ServoSettings, ...]) -> tuple[Servo, ...]:
             f"{bus.port} at {bus.baud} baud: {'; '.join(problems)}: check power, cables, ids and baud with "
             "`viewsep rig scan`"
         )
-    return tuple(
-        Servo(bus, servo, control_table(answers[servo.servo_id].model_number, answers[servo.servo_id].firmware))
-        for servo in wanted
-    )
+    servos = []
+    for servo in wanted:
+        table = control_table(answers[servo.servo_id].model_number, answers[servo.servo_id].firmware)
+        bus.write_unanswered(servo.servo_id, table["Status Return Level"], ANSWERS_ALL)
+        servos.append(Servo(bus, servo, table))
+    return tuple(servos)

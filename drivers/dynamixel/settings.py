@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from viewsep.drivers.dynamixel.control_table import STEP_RAD, STEPS_PER_TURN, x_series
 from viewsep.errors import BadConfig
@@ -50,6 +50,13 @@ class ServoSettings:
         """The position in the middle of the joint's range; where it is at zero if that has no end on one side."""
         lowest, highest = self.counts_range()
         return (lowest + highest) / 2.0 if math.isfinite(highest - lowest) else self.zero_counts
+
+    def with_zero(self, counts: int) -> ServoSettings:
+        """The same with another zero; in position mode in the turn that the middle of the range is in."""
+        found = replace(self, zero_counts=counts)
+        if self.extended:
+            return found
+        return replace(found, zero_counts=counts - STEPS_PER_TURN * math.floor(found.middle_counts / STEPS_PER_TURN))
 
     def angle_rad(self, counts: float) -> float:
         """The joint's angle at a position of the servo."""

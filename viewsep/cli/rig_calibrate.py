@@ -11,13 +11,13 @@ import typer
 from rich.table import Table
 
 from viewsep.cli.console import people, print_json, progress_bar, results
-from viewsep.cli.rig_interrupt import interrupt_noted
+from viewsep.cli.rig_interrupt import interrupt_noted, unless
 from viewsep.cli.service_options import Json
 from viewsep.clock import MonotonicClock
 from viewsep.config import load_config
 from viewsep.config_file import set_bus
 from viewsep.drivers.dynamixel.motion import DynamixelMotion
-from viewsep.errors import BadInput, Interrupted
+from viewsep.errors import BadInput
 from viewsep.repeatability import TARGETS, Repeatability, measure
 from viewsep.servo_rig import hardware_settings
 
@@ -53,14 +53,10 @@ def calibrate(
     with interrupt_noted() as ended, progress_bar() as bar:
         task = bar.add_task("approaching", total=len(chosen) * repeats * len(TARGETS) * 2)
 
-        def tick() -> None:
-            bar.advance(task)
-            if ended():
-                raise Interrupted("stopped; nothing is saved")
-
+        watch = unless(ended, "stopped; nothing is saved")
         motion.connect()
         try:
-            measured = [measure(motion, clock, index, repeats, tick) for index in chosen]
+            measured = [measure(motion, clock, index, repeats, lambda: bar.advance(task), watch) for index in chosen]
         finally:
             motion.close()
     worst_deg = max(float(np.degrees(one.worst_rad)) for one in measured)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -10,7 +11,7 @@ import numpy as np
 import typer
 
 from viewsep.cli.console import people, results
-from viewsep.cli.rig_interrupt import interrupt_noted
+from viewsep.cli.rig_interrupt import interrupt_noted, unless
 from viewsep.clock import MonotonicClock
 from viewsep.config import geometry_of, load_config
 from viewsep.config_file import set_servo
@@ -19,10 +20,9 @@ from viewsep.drivers.dynamixel.homing import zero_at_stop, zero_by_hand
 from viewsep.drivers.dynamixel.motion import DynamixelMotion
 from viewsep.drivers.dynamixel.servo import Servo, handshake
 from viewsep.drivers.dynamixel.settings import BusSettings
-from viewsep.errors import BadInput, RigError
+from viewsep.errors import BadConfig, BadInput
+from viewsep.moves import move_and_wait
 from viewsep.servo_rig import hardware_settings
-
-POLL_NS = 50_000_000
 
 
 def home(
@@ -77,9 +77,20 @@ def home(
     with interrupt_noted() as ended:
         zero = _with_servo(settings, index, lambda servo: find(servo, ended))
         if not ended():
+            _check_zero(settings, index, zero)
             backup = set_servo(config, index, "zero_counts", zero)
             before = settings.servos[index].zero_counts
             results.print(f"{joint}: zero_counts = {zero} (before: {before}, kept in {backup})", soft_wrap=True)
+
+
+def _check_zero(settings: BusSettings, index: int, zero: int) -> None:
+    """Raises BadConfig when the servo cannot reach the rig's limits from there."""
+    servos = list(settings.servos)
+    servos[index] = servos[index].with_zero(zero)
+    try:
+        replace(settings, servos=tuple(servos)).check()
+    except BadConfig as error:
+        raise BadConfig(f"zero_counts = {zero} was found but not saved: {error}") from error
 
 
 def _with_servo(settings: BusSettings, index: int, act: Callable[[Servo], int]) -> int:
@@ -92,7 +103,8 @@ def _with_servo(settings: BusSettings, index: int, act: Callable[[Servo], int]) 
 
 
 def _show(counts: int) -> None:
-    people.print(f"{counts} counts ", end="\r", highlight=False)
+    if people.is_terminal:
+        people.print(f"{counts} counts ", end="\r", highlight=False)
 
 
 def _drive_home(settings: BusSettings, goal: tuple[float, ...]) -> None:
@@ -101,12 +113,8 @@ def _drive_home(settings: BusSettings, goal: tuple[float, ...]) -> None:
     with interrupt_noted() as ended:
         motion.connect()
         try:
-            motion.move_to(goal)
-            while motion.read_state().moving and not ended():
-                if fault := motion.fault():
-                    raise RigError(fault)
-                clock.sleep_until(clock.now_ns() + POLL_NS)
-            for limit, position in zip(motion.limits(), motion.read_state().position_rad, strict=True):
-                results.print(f"{limit.name}: {np.degrees(position):.2f} deg", highlight=False)
+            _, state = move_and_wait(motion, clock, goal, unless(ended), settings.tolerance_rad)
         finally:
             motion.close()
+    for limit, position in zip(motion.limits(), state.position_rad, strict=True):
+        results.print(f"{limit.name}: {np.degrees(position):.2f} deg", highlight=False)

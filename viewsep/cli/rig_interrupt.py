@@ -10,6 +10,8 @@ from types import FrameType
 import typer
 
 from viewsep.cli.exit_codes import EXIT_INTERRUPTED
+from viewsep.errors import Interrupted
+from viewsep.messages import JointState
 
 
 @contextmanager
@@ -27,3 +29,13 @@ def interrupt_noted() -> Iterator[Callable[[], bool]]:
         signal.signal(signal.SIGINT, before)
     if pressed:
         raise typer.Exit(EXIT_INTERRUPTED)
+
+
+def unless(ended: Callable[[], bool], saying: str = "stopped on the way") -> Callable[[JointState], None]:
+    """Hears of read-backs, and raises Interrupted once Ctrl-C was pressed."""
+
+    def watch(_state: JointState) -> None:
+        if ended():
+            raise Interrupted(saying)
+
+    return watch

@@ -9,18 +9,19 @@ import numpy as np
 import typer
 
 from viewsep.cli.console import people, results
-from viewsep.cli.rig_interrupt import interrupt_noted
+from viewsep.cli.rig_interrupt import interrupt_noted, unless
 from viewsep.clock import MonotonicClock
 from viewsep.config import load_config
 from viewsep.drivers.dynamixel.bus import Bus
+from viewsep.drivers.dynamixel.control_table import ControlTable
 from viewsep.drivers.dynamixel.motion import DynamixelMotion
 from viewsep.drivers.dynamixel.servo import handshake
 from viewsep.drivers.dynamixel.settings import BusSettings
-from viewsep.errors import BadInput, RigError
+from viewsep.drivers.dynamixel.wording import explain
+from viewsep.errors import BadInput, Interrupted
 from viewsep.messages import JointState
+from viewsep.moves import move_and_wait
 from viewsep.servo_rig import hardware_settings
-
-POLL_NS = 50_000_000
 
 
 def jog(
@@ -53,25 +54,36 @@ def jog(
     clock = MonotonicClock()
     motion = DynamixelMotion(settings, clock)
     with interrupt_noted() as ended:
+
+        def watch(state: JointState) -> None:
+            if people.is_terminal:
+                people.print(_sentence(joint, index, state), end="\r", highlight=False)
+            unless(ended)(state)
+
         motion.connect()
         try:
             goal = list(motion.read_state().position_rad)
-            goal[index] = _goal(goal[index], by_deg, to_deg)
-            motion.move_to(goal)
-            while (state := motion.read_state()).moving and not ended():
-                if fault := motion.fault():
-                    raise RigError(fault)
-                people.print(_sentence(joint, index, state), end="\r", highlight=False)
-                clock.sleep_until(clock.now_ns() + POLL_NS)
-            if ended():
-                motion.stop()
+            goal[index] = _goal(settings, index, goal[index], by_deg, to_deg)
+            _, state = move_and_wait(motion, clock, goal, watch, settings.tolerance_rad)
+            results.print(_sentence(joint, index, state), highlight=False)
+        except Interrupted:
+            motion.stop()
             results.print(_sentence(joint, index, motion.read_state()), highlight=False)
+            raise
         finally:
             motion.close()
 
 
-def _goal(position_rad: float, by_deg: float | None, to_deg: float | None) -> float:
-    return float(np.radians(to_deg)) if to_deg is not None else position_rad + float(np.radians(by_deg or 0.0))
+def _goal(settings: BusSettings, index: int, at_rad: float, by_deg: float | None, to_deg: float | None) -> float:
+    """The angle to turn to. Raises BadInput outside the joint's limits."""
+    limit = settings.servos[index].joint
+    goal = float(np.radians(to_deg)) if to_deg is not None else at_rad + float(np.radians(by_deg or 0.0))
+    if not limit.lower_rad - 1e-6 <= goal <= limit.upper_rad + 1e-6:
+        raise BadInput(
+            f"joint {limit.name!r}: set-point {np.degrees(goal):.2f} deg is outside "
+            f"[{np.degrees(limit.lower_rad):g}, {np.degrees(limit.upper_rad):g}] deg"
+        )
+    return goal
 
 
 def _sentence(joint: str, index: int, state: JointState) -> str:
@@ -80,21 +92,28 @@ def _sentence(joint: str, index: int, state: JointState) -> str:
 
 
 def _print_packets(settings: BusSettings, index: int, by_deg: float | None, to_deg: float | None) -> None:
-    """What preparing the servo and moving the joint would send."""
+    """What connecting and moving the joint would send."""
+    table: ControlTable | None = None
 
     def tell(way: str, data: bytes) -> None:
         if way not in "<>":
-            results.print(f"{way}: {data.hex(' ').upper()}", highlight=False, soft_wrap=True)
+            words = "" if table is None else f"  {explain(data, table)}"
+            results.print(f"{data.hex(' ').upper()}{words}", highlight=False, soft_wrap=True)
 
-    bus = Bus(settings.port, settings.baud, trace=tell, dry_run=True)
+    bus = Bus(settings.port, settings.baud, retries=settings.retries, trace=tell, dry_run=True)
     bus.open()
     try:
-        servo = handshake(bus, settings.servos)[index]
-        servo.prepare()
-        servo.count_from(None)
+        servos = handshake(bus, settings.servos)
+        for servo in servos:
+            table = servo.table
+            servo.prepare()
+            servo.count_from(None)
+            servo.arm(settings.watchdog_s)
+        servo = servos[index]
+        table = servo.table
         at = servo.angle_rad(servo.read("Present Position"))
-        goal = servo.goal_counts(_goal(at, by_deg, to_deg))
-        results.print(f"Goal Position = {goal} counts, {np.degrees(servo.angle_rad(goal)):.2f} deg", highlight=False)
+        goal = servo.goal_counts(_goal(settings, index, at, by_deg, to_deg))
         servo.write("Goal Position", goal)
+        results.print(f"Goal Position = {goal} counts, {np.degrees(servo.angle_rad(goal)):.2f} deg", highlight=False)
     finally:
         bus.close()
