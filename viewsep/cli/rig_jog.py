@@ -13,6 +13,7 @@ from viewsep.cli.rig_interrupt import interrupt_noted
 from viewsep.clock import MonotonicClock
 from viewsep.config import load_config
 from viewsep.drivers.dynamixel.bus import Bus
+from viewsep.drivers.dynamixel.control_table import written
 from viewsep.drivers.dynamixel.motion import DynamixelMotion
 from viewsep.drivers.dynamixel.servo import handshake
 from viewsep.drivers.dynamixel.settings import BusSettings
@@ -48,7 +49,7 @@ def jog(
         raise BadInput("give --by-deg or --to-deg")
     index = names.index(joint)
     if dry_run:
-        _print_packets(settings, index, by_deg, to_deg)
+        _print_packets(settings, joint, index, by_deg, to_deg)
         return
     clock = MonotonicClock()
     motion = DynamixelMotion(settings, clock)
@@ -79,14 +80,16 @@ def _sentence(joint: str, index: int, state: JointState) -> str:
     return f"{joint}: {at:.2f} deg, set-point {goal:.2f} deg"
 
 
-def _print_packets(settings: BusSettings, index: int, by_deg: float | None, to_deg: float | None) -> None:
+def _print_packets(settings: BusSettings, joint: str, index: int, by_deg: float | None, to_deg: float | None) -> None:
     """What preparing the servo and moving the joint would send."""
 
-    def tell(way: str, data: bytes) -> None:
-        if way not in "<>":
-            results.print(f"{way}: {data.hex(' ').upper()}", highlight=False, soft_wrap=True)
+    would_be: list[bytes] = []
 
-    bus = Bus(settings.port, settings.baud, trace=tell, dry_run=True)
+    def note(way: str, data: bytes) -> None:
+        if way not in "<>":
+            would_be.append(data)
+
+    bus = Bus(settings.port, settings.baud, trace=note, dry_run=True)
     bus.open()
     try:
         servo = handshake(bus, settings.servos)[index]
@@ -94,7 +97,11 @@ def _print_packets(settings: BusSettings, index: int, by_deg: float | None, to_d
         servo.count_from(None)
         at = servo.angle_rad(servo.read("Present Position"))
         goal = servo.goal_counts(_goal(at, by_deg, to_deg))
-        results.print(f"Goal Position = {goal} counts, {np.degrees(servo.angle_rad(goal)):.2f} deg", highlight=False)
         servo.write("Goal Position", goal)
+        for packet in would_be:
+            results.print(f"{packet.hex(' ').upper()}  {written(packet, servo.table)}", highlight=False, soft_wrap=True)
+        results.print(
+            f"nothing was sent; {joint} would turn to {np.degrees(servo.angle_rad(goal)):.2f} deg", highlight=False
+        )
     finally:
         bus.close()
