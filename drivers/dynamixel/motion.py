@@ -85,7 +85,7 @@ class DynamixelMotion:
                 raise MoveRefused(self._fault)
             goals = [servo.goal_counts(q) for servo, q in zip(self._servos, position_rad, strict=True)]
             if self._released:
-                _each(self._servos, lambda servo: servo.write("Torque Enable", 1))
+                _each(self._servos, Servo.hold)
                 self._released = False
             self._command(goals)
             commanded = tuple(servo.angle_rad(goal) for servo, goal in zip(self._servos, goals, strict=True))

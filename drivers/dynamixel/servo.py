@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from viewsep.drivers.dynamixel.alerts import in_words
 from viewsep.drivers.dynamixel.bus import Bus, wait_for
 from viewsep.drivers.dynamixel.control_table import STEPS_PER_TURN, ControlTable, control_table
+from viewsep.drivers.dynamixel.errors import ServoRefused
 from viewsep.drivers.dynamixel.settings import EXTENDED_COUNTS, ServoSettings
 from viewsep.errors import RigError
 
@@ -93,16 +94,18 @@ class Servo:
         return goal
 
     def count_from(self, known_counts: int | None) -> None:
-        """Make up for whole turns: be where it was known to be, or for a free joint within half a turn of zero."""
+        """Make up for whole turns: be where it was known to be, or with a gear of 1 nearest to the middle of the range.
+
+        The middle of a joint without limits is zero.
+        """
         if not self.settings.extended:
             return
         present = self.read("Present Position")
+        turns = 0
         if known_counts is not None:
             turns = round((known_counts - present) / STEPS_PER_TURN)
-        elif self.settings.turns_freely and self.settings.gear_ratio == 1.0:
-            turns = round((self.settings.zero_counts - present) / STEPS_PER_TURN)
-        else:
-            turns = 0
+        elif self.settings.gear_ratio == 1.0:
+            turns = round((self.settings.middle_counts - present) / STEPS_PER_TURN)
         self.turn_counts = turns * STEPS_PER_TURN
 
     def alert(self) -> str:
@@ -126,10 +129,19 @@ class Servo:
             self.write("Drive Mode", self.read("Drive Mode") & ~0x04)  # profiles in speeds, not in times
         self.write("Profile Velocity", self.speed_counts)
         self.write("Profile Acceleration", self.acceleration_counts)
-        if self.read("Torque Enable"):
-            self.write("Goal Position", self.read("Present Position"))
-        else:
-            self.write("Torque Enable", 1)  # its goal becomes where it is
+        self.hold()
+
+    def hold(self) -> None:
+        """Turn the torque on where it is: a goal from before would be driven to. Raises RigError."""
+        present = self.read("Present Position")
+        try:
+            self.write("Goal Position", present)
+        except ServoRefused as error:
+            raise RigError(
+                f"{self.name} is at position {present}, beyond its own Min and Max Position Limit: turn the joint back "
+                "by hand, or widen them"
+            ) from error
+        self.write("Torque Enable", 1)
 
     def arm(self, watchdog_s: float) -> None:
         """Have it stop by itself when it hears nothing for so long; 0 disarms and clears that it has stopped.
@@ -155,8 +167,9 @@ class Servo:
         """Where the profile's acceleration brings it to rest, so that it need not turn back; within the limits."""
         way_rad = math.copysign(reading.speed_rad_s**2 / (2.0 * self.acceleration_rad_s2), reading.speed_rad_s)
         way = self.settings.direction * way_rad / self.settings.step_rad
+        here = reading.counts + self.turn_counts
         lowest, highest = self.settings.counts_range()
-        goal = min(max(reading.counts + way + self.turn_counts, lowest), highest)
+        goal = min(max(here + way, min(lowest, here)), max(highest, here))  # beyond a limit it stays where it is
         return round(goal) - self.turn_counts
 
     def confirm_goal(self, goal: int) -> None:

@@ -46,9 +46,10 @@ class ServoSettings:
         return STEP_RAD / self.gear_ratio
 
     @property
-    def turns_freely(self) -> bool:
-        """Whether the joint has no limit to either side."""
-        return math.isinf(self.joint.lower_rad) and math.isinf(self.joint.upper_rad)
+    def middle_counts(self) -> float:
+        """The position in the middle of the joint's range; where it is at zero if that has no end on one side."""
+        lowest, highest = self.counts_range()
+        return (lowest + highest) / 2.0 if math.isfinite(highest - lowest) else self.zero_counts
 
     def angle_rad(self, counts: float) -> float:
         """The joint's angle at a position of the servo."""
