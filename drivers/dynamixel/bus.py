@@ -14,11 +14,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 
-from dynamixel_sdk.protocol2_packet_handler import Protocol2PacketHandler
 from dynamixel_sdk.robotis_def import COMM_RX_CORRUPT, COMM_SUCCESS
 
 from viewsep.drivers.dynamixel.control_table import Register, model_name
 from viewsep.drivers.dynamixel.errors import NoReply, PortLost, ServoRefused
+from viewsep.drivers.dynamixel.packets import HEADER, Packets, words
 from viewsep.drivers.dynamixel.port import SerialPort, Trace
 
 BROADCAST = 0xFE
@@ -34,7 +34,6 @@ REFUSALS = {
     7: "says the register is locked (EEPROM while the torque is on) or read-only",
 }
 DAMAGED = 3  # the refusal that a retry may mend
-HEADER = 7  # bytes before the instruction
 OVERHEAD = 11  # bytes of a status packet without parameters
 DRAIN_S = 0.1  # longest
 BAUDS = (57600, 1_000_000, 115200, 2_000_000, 3_000_000, 4_000_000, 9600)
@@ -88,7 +87,7 @@ class Bus:
     ) -> None:
         self.dry_run = dry_run
         self._port = SerialPort(port, baud, trace)
-        self._packets = _Packets()
+        self._packets = Packets()
         self._retries = retries
         self._trace = trace
         self._lock = threading.RLock()
@@ -164,7 +163,7 @@ class Bus:
 
     def read(self, servo_id: int, register: Register) -> int:
         """A register's counts. Raises NoReply, ServoRefused, PortLost."""
-        parameters = _words(register.address, register.size)
+        parameters = words(register.address, register.size)
         return register.decode(self._ask(servo_id, READ, parameters, register.size, what=register.name).data)
 
     def read_block(self, servo_ids: Sequence[int], address: int, size: int) -> dict[int, Reply]:
@@ -193,7 +192,7 @@ class Bus:
     def _read_together(self, servo_ids: Sequence[int], address: int, size: int) -> dict[int, Reply]:
         with self._instruction():
             asked = self._next_length(size)
-            parameters = _words(address, asked) + bytes(servo_ids)
+            parameters = words(address, asked) + bytes(servo_ids)
             self._send(BROADCAST, SYNC_READ, parameters)
             self._port.setPacketTimeout((OVERHEAD + asked) * len(servo_ids))
             replies: dict[int, Reply] = {}
@@ -212,12 +211,12 @@ class Bus:
     def write(self, servo_id: int, register: Register, counts: int) -> bool:
         """Set a register; returns the servo's alert bit. Raises NoReply, ServoRefused, PortLost."""
         what = f"{register.name} = {counts}"
-        return self._ask(servo_id, WRITE, _words(register.address) + register.encode(counts), 0, what=what).alert
+        return self._ask(servo_id, WRITE, words(register.address) + register.encode(counts), 0, what=what).alert
 
     def write_unanswered(self, servo_id: int, register: Register, counts: int) -> None:
         """Set a register of a servo that may not be set to answer. Raises PortLost."""
         with self._instruction():
-            self._send(servo_id, WRITE, _words(register.address) + register.encode(counts))
+            self._send(servo_id, WRITE, words(register.address) + register.encode(counts))
             if not self.dry_run:
                 self._port.setPacketTimeout(OVERHEAD)
                 self._receive()
@@ -225,7 +224,7 @@ class Bus:
     def write_all(self, counts: Mapping[int, int], register: Register) -> None:
         """Set one register of several servos at the same moment; none of them answers. Raises PortLost."""
         with self._instruction():
-            parameters = _words(register.address, register.size)
+            parameters = words(register.address, register.size)
             for servo_id, value in counts.items():
                 parameters += bytes([servo_id]) + register.encode(value)
             self._send(BROADCAST, SYNC_WRITE, parameters)
@@ -248,7 +247,7 @@ class Bus:
     def _read_block_once(self, servo_id: int, address: int, size: int) -> Reply:
         with self._lock:
             asked = self._next_length(size)
-            reply = self._ask(servo_id, READ, _words(address, asked), asked, 0, what=f"address {address}")
+            reply = self._ask(servo_id, READ, words(address, asked), asked, 0, what=f"address {address}")
             return replace(reply, data=reply.data[:size])
 
     def _ask(
@@ -299,7 +298,7 @@ class Bus:
                 self._port.is_using = False
 
     def _send(self, servo_id: int, instruction: int, parameters: bytes) -> None:
-        packet = [0] * 4 + [servo_id, *_words(len(parameters) + 3), instruction, *parameters, 0, 0]
+        packet = [0] * 4 + [servo_id, *words(len(parameters) + 3), instruction, *parameters, 0, 0]
         if self.dry_run and _changes(instruction):
             if self._trace is not None:
                 self._trace("would send", self._packets.as_sent(packet))
@@ -352,44 +351,8 @@ class _Status:
     data: bytes
 
 
-class _Packets(Protocol2PacketHandler):  # type: ignore[misc]  # the SDK has no types
-    """The SDK's packet handler, with byte stuffing that reaches the wire."""
-
-    def addStuffing(self, packet: list[int]) -> list[int]:  # noqa: N802
-        """Stuff in place: the SDK's own returns a longer packet, which its `txPacket` then does not send."""
-        body = bytes(packet[HEADER:-2]).replace(b"\xff\xff\xfd", b"\xff\xff\xfd\xfd")
-        packet[5:7] = _words(len(body) + 2)
-        packet[HEADER:] = [*body, 0, 0]
-        return packet
-
-    def as_sent(self, packet: list[int]) -> bytes:
-        """The packet as `txPacket` would put it on the wire."""
-        wire = _Wire()
-        self.txPacket(wire, packet)
-        return wire.sent
-
-
-class _Wire:
-    """Takes a packet and sends it nowhere."""
-
-    is_using = False
-    sent = b""
-
-    def clearPort(self) -> None:  # noqa: N802
-        """Nothing to clear."""
-
-    def writePort(self, packet: list[int]) -> int:  # noqa: N802
-        """Keep the packet."""
-        self.sent = bytes(packet)
-        return len(packet)
-
-
 def _changes(instruction: int) -> bool:
     return instruction not in (PING, READ, SYNC_READ)
-
-
-def _words(*values: int) -> bytes:
-    return b"".join(value.to_bytes(2, "little") for value in values)
 
 
 def wait_for(bus: Bus, servo_id: int, timeout_s: float) -> Found:

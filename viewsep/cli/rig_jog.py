@@ -13,11 +13,10 @@ from viewsep.cli.rig_interrupt import interrupt_noted, unless
 from viewsep.clock import MonotonicClock
 from viewsep.config import load_config
 from viewsep.drivers.dynamixel.bus import Bus
-from viewsep.drivers.dynamixel.control_table import ControlTable
+from viewsep.drivers.dynamixel.control_table import written
 from viewsep.drivers.dynamixel.motion import DynamixelMotion
 from viewsep.drivers.dynamixel.servo import handshake
 from viewsep.drivers.dynamixel.settings import BusSettings
-from viewsep.drivers.dynamixel.wording import explain
 from viewsep.errors import BadInput, Interrupted
 from viewsep.messages import JointState
 from viewsep.moves import move_and_wait
@@ -93,27 +92,30 @@ def _sentence(joint: str, index: int, state: JointState) -> str:
 
 def _print_packets(settings: BusSettings, index: int, by_deg: float | None, to_deg: float | None) -> None:
     """What connecting and moving the joint would send."""
-    table: ControlTable | None = None
+    would_be: list[bytes] = []
 
-    def tell(way: str, data: bytes) -> None:
+    def note(way: str, data: bytes) -> None:
         if way not in "<>":
-            words = "" if table is None else f"  {explain(data, table)}"
-            results.print(f"{data.hex(' ').upper()}{words}", highlight=False, soft_wrap=True)
+            would_be.append(data)
 
-    bus = Bus(settings.port, settings.baud, retries=settings.retries, trace=tell, dry_run=True)
+    bus = Bus(settings.port, settings.baud, retries=settings.retries, trace=note, dry_run=True)
     bus.open()
     try:
         servos = handshake(bus, settings.servos)
         for servo in servos:
-            table = servo.table
             servo.prepare()
             servo.count_from(None)
+        for servo in servos:
             servo.arm(settings.watchdog_s)
-        servo = servos[index]
-        table = servo.table
-        at = servo.angle_rad(servo.read("Present Position"))
-        goal = servo.goal_counts(_goal(settings, index, at, by_deg, to_deg))
-        servo.write("Goal Position", goal)
-        results.print(f"Goal Position = {goal} counts, {np.degrees(servo.angle_rad(goal)):.2f} deg", highlight=False)
+        turned, joint = servos[index], settings.servos[index].joint.name
+        at = turned.angle_rad(turned.read("Present Position"))
+        goal = turned.goal_counts(_goal(settings, index, at, by_deg, to_deg))
+        turned.write("Goal Position", goal)
     finally:
         bus.close()
+    tables = {servo.settings.servo_id: servo.table for servo in servos}
+    for packet in would_be:
+        words = written(packet, tables[packet[4]])
+        results.print(f"{packet.hex(' ').upper()}  {words}", highlight=False, soft_wrap=True)
+    to = np.degrees(turned.angle_rad(goal))
+    results.print(f"nothing was sent; {joint} would turn to {to:.2f} deg", highlight=False)
