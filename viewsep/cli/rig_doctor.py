@@ -13,7 +13,8 @@ from viewsep.cli.console import print_json, results
 from viewsep.cli.service_options import Json
 from viewsep.config import load_config
 from viewsep.drivers.dynamixel.bus import BAUDS, Bus
-from viewsep.drivers.dynamixel.doctor import Check, Verdict, examine
+from viewsep.drivers.dynamixel.checks import Check, Verdict
+from viewsep.drivers.dynamixel.doctor import examine
 from viewsep.drivers.dynamixel.settings import ServoSettings
 from viewsep.errors import BadInput
 from viewsep.servo_rig import hardware_settings
@@ -25,11 +26,12 @@ def doctor(
     config: Annotated[Path | None, typer.Option(help="The rig's configuration.", show_default=False)] = None,
     port: Annotated[str | None, typer.Option(help="A port, without a configuration.", metavar="PORT")] = None,
     baud: Annotated[int, typer.Option(help="Baud with --port.")] = 57600,
+    fix: Annotated[bool, typer.Option("--fix", help="Set the servos' return delay to 0.")] = False,
     json: Json = False,
 ) -> None:
     """Look the servos over: port, cables, supply, limits, settings; says what to do about what is not right.
 
-    Nothing moves and nothing is changed. Exit codes: 0 all right, 1 something is wrong, 2 bad input.
+    Nothing moves, and nothing is changed without --fix. Exit codes: 0 all right, 1 something is wrong, 2 bad input.
 
     Examples:
 
@@ -48,7 +50,7 @@ def doctor(
     assert port is not None
     bus = Bus(port, baud)
     try:
-        checks = list(examine(bus, wanted))
+        checks = list(examine(bus, wanted, fix))
     finally:
         bus.close()
     if json:
