@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -47,23 +47,30 @@ def measure(
 
     `tick` hears of every approach, `watch` of every read-back; it stops by raising.
     """
-    limit = motion.limits()[joint]
-    rest = list(motion.read_state().position_rad)
+    rest = motion.read_state().position_rad
     errors: dict[int, list[float]] = {-1: [], 1: []}
+    for side, before, there in approaches(motion.limits()[joint], joint, rest, repeats):
+        move_and_wait(motion, clock, before, watch)
+        commanded, rested = move_and_wait(motion, clock, there, watch)
+        errors[side].append(rested.position_rad[joint] - commanded[joint])
+        tick()
+    move_and_wait(motion, clock, rest, watch)
+    below, above = np.array(errors[-1]), np.array(errors[1])
+    spread = float(max(below.std(), above.std()))
+    worst = float(np.abs([*below, *above]).max())
+    return Repeatability(motion.limits()[joint].name, float(below.mean()), float(above.mean()), spread, worst)
+
+
+def approaches(
+    limit: JointLimits, joint: int, rest: Sequence[float], repeats: int
+) -> Iterator[tuple[int, list[float], list[float]]]:
+    """The side a target is approached from (-1 below, 1 above), where all joints are before, and there."""
     for _ in range(repeats):
         for target in _targets(limit):
             for side in (-1, 1):
                 before, there = list(rest), list(rest)
                 before[joint], there[joint] = target + side * _reach(limit), target
-                move_and_wait(motion, clock, before, watch)
-                commanded, rested = move_and_wait(motion, clock, there, watch)
-                errors[side].append(rested.position_rad[joint] - commanded[joint])
-                tick()
-    move_and_wait(motion, clock, rest, watch)
-    below, above = np.array(errors[-1]), np.array(errors[1])
-    spread = float(max(below.std(), above.std()))
-    worst = float(np.abs([*below, *above]).max())
-    return Repeatability(limit.name, float(below.mean()), float(above.mean()), spread, worst)
+                yield side, before, there
 
 
 def _half_range(limit: JointLimits) -> float:

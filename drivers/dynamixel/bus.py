@@ -18,11 +18,11 @@ from dynamixel_sdk.robotis_def import COMM_RX_CORRUPT, COMM_SUCCESS
 
 from viewsep.drivers.dynamixel.control_table import Register, model_name
 from viewsep.drivers.dynamixel.errors import NoReply, PortLost, ServoRefused
-from viewsep.drivers.dynamixel.packets import HEADER, Packets, words
+from viewsep.drivers.dynamixel.packets import HEADER, SYNC_WRITE, Packets, words
 from viewsep.drivers.dynamixel.port import SerialPort, Trace
 
 BROADCAST = 0xFE
-PING, READ, WRITE, REBOOT, CLEAR, SYNC_READ, SYNC_WRITE = 0x01, 0x02, 0x03, 0x08, 0x10, 0x82, 0x83
+PING, READ, WRITE, REBOOT, CLEAR, SYNC_READ = 0x01, 0x02, 0x03, 0x08, 0x10, 0x82
 ALERT = 0x80
 REFUSALS = {
     1: "could not carry the instruction out",

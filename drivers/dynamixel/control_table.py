@@ -159,13 +159,6 @@ def control_table(number: int, firmware: int = 0) -> ControlTable:
     return ControlTable(number, model, MappingProxyType(registers))
 
 
-def written(packet: bytes, table: ControlTable) -> str:
-    """In words, what a Write packet to one servo sets, e.g. `servo 1: Torque Enable = 1`."""
-    address, data = int.from_bytes(packet[8:10], "little"), packet[10:-2].replace(b"\xff\xff\xfd\xfd", b"\xff\xff\xfd")
-    register = next(r for r in table.registers.values() if r.address == address and r.size == len(data))
-    return f"servo {packet[4]}: {register.name} = {register.decode(data)}"
-
-
 def _register(model: str, address: int, size: int, name: str) -> Register:
     scale, unit = SCALES.get(name, (1.0, ""))
     if name in CURRENTS:

@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from dynamixel_sdk.protocol2_packet_handler import Protocol2PacketHandler
 
+from viewsep.drivers.dynamixel.control_table import ControlTable
+
 HEADER = 7  # bytes before the instruction
+SYNC_WRITE = 0x83
 
 
 class Packets(Protocol2PacketHandler):  # type: ignore[misc]  # the SDK has no types
@@ -42,3 +47,20 @@ class _Wire:
 def words(*values: int) -> bytes:
     """Each value in two bytes, least significant first."""
     return b"".join(value.to_bytes(2, "little") for value in values)
+
+
+def written(packet: bytes, tables: Mapping[int, ControlTable]) -> str:
+    """In words, what a Write or Sync Write packet sets, e.g. `servo 1: Torque Enable = 1`; `tables` by id."""
+    parameters = packet[HEADER + 1 : -2].replace(b"\xff\xff\xfd\xfd", b"\xff\xff\xfd")
+    address = int.from_bytes(parameters[:2], "little")
+    data = {packet[4]: parameters[2:]}
+    if packet[HEADER] == SYNC_WRITE:
+        size = int.from_bytes(parameters[2:4], "little")
+        starts = range(4, len(parameters), 1 + size)
+        data = {parameters[start]: parameters[start + 1 : start + 1 + size] for start in starts}
+    said = []
+    for servo_id, value in data.items():
+        registers = tables[servo_id].registers.values()
+        register = next(r for r in registers if r.address == address and r.size == len(value))
+        said.append(f"servo {servo_id}: {register.name} = {register.decode(value)}")
+    return ", ".join(said)

@@ -142,8 +142,24 @@ def test_a_dry_run_prints_the_packets_and_moves_nothing(shell: Shell, bus: Emula
     ended = shell("rig", "jog", "--config", config, "--joint", "tilt", "--to-deg", "-10", "--dry-run")
     assert ended.code == 0, ended.err
     assert "FF FF FD 00 01 06 00 03 40 00 01 DB 66  servo 1: Torque Enable = 1" in ended.out
-    assert "servo 1: Goal Position = 1934\nnothing was sent; tilt would turn to -10.02 deg" in ended.out
+    *_, last, ending = ended.out.splitlines()
+    assert last.endswith("  servo 1: Goal Position = 1934, servo 2: Goal Position = 2048")
+    assert ending == "nothing was sent; it would end at tilt -10.02 deg, pan 0.00 deg"
     assert (bus[1].counts, bus[1]["Torque Enable"]) == (2048, 0)
+
+
+def test_dry_runs_of_home_and_calibrate(shell: Shell, bus: EmulatedBus, config: str) -> None:
+    bus[1].turn_by_hand(0.2)
+    before = Path(config).read_bytes()
+    ended = shell("rig", "home", "--config", config, "--dry-run")
+    assert ended.out.endswith("nothing was sent; it would end at tilt 0.00 deg, pan 0.00 deg\n")
+    ended = shell("rig", "calibrate", "--config", config, "--joint", "pan", "--repeats", "2", "--dry-run")
+    assert ended.code == 0, ended.err
+    moves = [line for line in ended.out.splitlines() if " 83 74 00 04 00 01 " in line]  # Sync Write of Goal Position
+    assert len(moves) == 2 * 3 * 2 * 2
+    assert all("servo 1: Goal Position = 2178, " in line for line in moves)
+    assert (bus[1].counts, bus[1]["Torque Enable"], bus[2]["Torque Enable"]) == (2178, 0, 0)
+    assert Path(config).read_bytes() == before
 
 
 def test_home_drives_every_joint_to_zero(shell: Shell, bus: EmulatedBus, config: str) -> None:
@@ -223,6 +239,7 @@ def test_calibrate_measures_what_the_encoder_sees(
     [
         (("jog", "--joint", "roll", "--by-deg", "1"), "--joint 'roll': the joints in .* are tilt, pan"),
         (("jog", "--joint", "pan"), "give --by-deg or --to-deg"),
+        (("home", "--joint", "pan", "--by-hand", "--dry-run"), "--dry-run goes without --by-hand and --at-stop"),
         (("home", "--joint", "pan"), "--joint goes with --by-hand or --at-stop"),
         (("home", "--joint", "pan", "--at-stop"), "--at-stop needs --stop-deg"),
         (("home", "--joint", "pan", "--at-stop", "--by-hand"), "exclude each other"),

@@ -11,6 +11,7 @@ import typer
 from rich.table import Table
 
 from viewsep.cli.console import people, print_json, progress_bar, results
+from viewsep.cli.rig_dry_run import print_packets
 from viewsep.cli.rig_interrupt import interrupt_noted, unless
 from viewsep.cli.service_options import Json
 from viewsep.clock import MonotonicClock
@@ -18,7 +19,7 @@ from viewsep.config import load_config
 from viewsep.config_file import set_bus
 from viewsep.drivers.dynamixel.motion import DynamixelMotion
 from viewsep.errors import BadInput
-from viewsep.repeatability import TARGETS, Repeatability, measure
+from viewsep.repeatability import TARGETS, Repeatability, approaches, measure
 from viewsep.servo_rig import hardware_settings
 
 MARGIN = 3.0  # how many times the worst error the tolerance is to be
@@ -29,6 +30,7 @@ def calibrate(
     config: Annotated[Path, typer.Option(help="The rig's configuration.", show_default=False)],
     joint: Annotated[str | None, typer.Option(help="Only this joint.", show_default="all")] = None,
     repeats: Annotated[int, typer.Option(min=1, max=100, help="How often every target is approached.")] = 3,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Print the packets that would be sent.")] = False,
     json: Json = False,
 ) -> None:
     """Measure how well the joints come to rest, approaching the same angles from both sides.
@@ -48,6 +50,12 @@ def calibrate(
     if joint is not None and joint not in names:
         raise BadInput(f"--joint {joint!r}: the joints in {config} are {', '.join(names)}")
     chosen = range(len(names)) if joint is None else [names.index(joint)]
+    if dry_run:
+        limits = [servo.joint for servo in settings.servos]
+        print_packets(
+            settings, lambda at: [q for i in chosen for _, *both in approaches(limits[i], i, at, repeats) for q in both]
+        )
+        return
     clock = MonotonicClock()
     motion = DynamixelMotion(settings, clock)
     with interrupt_noted() as ended, progress_bar() as bar:

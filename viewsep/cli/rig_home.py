@@ -11,6 +11,7 @@ import numpy as np
 import typer
 
 from viewsep.cli.console import people, results
+from viewsep.cli.rig_dry_run import print_packets
 from viewsep.cli.rig_interrupt import interrupt_noted, unless
 from viewsep.clock import MonotonicClock
 from viewsep.config import geometry_of, load_config
@@ -38,6 +39,7 @@ def home(
     effort: Annotated[
         float, typer.Option(min=0.01, max=5, help="With --at-stop: share of full output, or A where it is measured.")
     ] = 0.2,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Print the packets of driving to zero.")] = False,
 ) -> None:
     """Drive all joints to zero, or find where the zero of one is and save it in the configuration.
 
@@ -60,8 +62,14 @@ def home(
     if not (by_hand or at_stop):
         if joint is not None:
             raise BadInput("--joint goes with --by-hand or --at-stop; one joint alone is turned by `viewsep rig jog`")
-        _drive_home(settings, geometry_of(loaded.rig).home())
+        goal = geometry_of(loaded.rig).home()
+        if dry_run:
+            print_packets(settings, lambda at_rad: [goal])
+        else:
+            _drive_home(settings, goal)
         return
+    if dry_run:
+        raise BadInput("--dry-run goes without --by-hand and --at-stop: what they send depends on what they find")
     names = [servo.joint.name for servo in settings.servos]
     if joint not in names:
         raise BadInput(f"--joint {joint!r}: the joints in {config} are {', '.join(names)}")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -9,15 +10,13 @@ import numpy as np
 import typer
 
 from viewsep.cli.console import people, results
+from viewsep.cli.rig_dry_run import print_packets
 from viewsep.cli.rig_interrupt import interrupt_noted, unless
 from viewsep.clock import MonotonicClock
 from viewsep.config import load_config
-from viewsep.drivers.dynamixel.bus import Bus
-from viewsep.drivers.dynamixel.control_table import written
 from viewsep.drivers.dynamixel.motion import DynamixelMotion
-from viewsep.drivers.dynamixel.servo import handshake
-from viewsep.drivers.dynamixel.settings import BusSettings
 from viewsep.errors import BadInput, Interrupted
+from viewsep.interfaces import JointLimits
 from viewsep.messages import JointState
 from viewsep.moves import move_and_wait
 from viewsep.servo_rig import hardware_settings
@@ -47,8 +46,13 @@ def jog(
     if (by_deg is None) == (to_deg is None):
         raise BadInput("give --by-deg or --to-deg")
     index = names.index(joint)
+
+    def goal(at_rad: Sequence[float]) -> list[float]:
+        turned = _goal(settings.servos[index].joint, at_rad[index], by_deg, to_deg)
+        return [turned if other == index else q for other, q in enumerate(at_rad)]
+
     if dry_run:
-        _print_packets(settings, index, by_deg, to_deg)
+        print_packets(settings, lambda at_rad: [goal(at_rad)])
         return
     clock = MonotonicClock()
     motion = DynamixelMotion(settings, clock)
@@ -61,9 +65,8 @@ def jog(
 
         motion.connect()
         try:
-            goal = list(motion.read_state().position_rad)
-            goal[index] = _goal(settings, index, goal[index], by_deg, to_deg)
-            _, state = move_and_wait(motion, clock, goal, watch, settings.tolerance_rad)
+            aim = goal(motion.read_state().position_rad)
+            _, state = move_and_wait(motion, clock, aim, watch, settings.tolerance_rad)
             results.print(_sentence(joint, index, state), highlight=False)
         except Interrupted:
             motion.stop()
@@ -73,9 +76,8 @@ def jog(
             motion.close()
 
 
-def _goal(settings: BusSettings, index: int, at_rad: float, by_deg: float | None, to_deg: float | None) -> float:
+def _goal(limit: JointLimits, at_rad: float, by_deg: float | None, to_deg: float | None) -> float:
     """The angle to turn to. Raises BadInput outside the joint's limits."""
-    limit = settings.servos[index].joint
     goal = float(np.radians(to_deg)) if to_deg is not None else at_rad + float(np.radians(by_deg or 0.0))
     if not limit.lower_rad - 1e-6 <= goal <= limit.upper_rad + 1e-6:
         raise BadInput(
@@ -88,34 +90,3 @@ def _goal(settings: BusSettings, index: int, at_rad: float, by_deg: float | None
 def _sentence(joint: str, index: int, state: JointState) -> str:
     at, goal = np.degrees(state.position_rad[index]), np.degrees(state.setpoint_rad[index])
     return f"{joint}: {at:.2f} deg, set-point {goal:.2f} deg"
-
-
-def _print_packets(settings: BusSettings, index: int, by_deg: float | None, to_deg: float | None) -> None:
-    """What connecting and moving the joint would send."""
-    would_be: list[bytes] = []
-
-    def note(way: str, data: bytes) -> None:
-        if way not in "<>":
-            would_be.append(data)
-
-    bus = Bus(settings.port, settings.baud, retries=settings.retries, trace=note, dry_run=True)
-    bus.open()
-    try:
-        servos = handshake(bus, settings.servos)
-        for servo in servos:
-            servo.prepare()
-            servo.count_from(None)
-        for servo in servos:
-            servo.arm(settings.watchdog_s)
-        turned, joint = servos[index], settings.servos[index].joint.name
-        at = turned.angle_rad(turned.read("Present Position"))
-        goal = turned.goal_counts(_goal(settings, index, at, by_deg, to_deg))
-        turned.write("Goal Position", goal)
-    finally:
-        bus.close()
-    tables = {servo.settings.servo_id: servo.table for servo in servos}
-    for packet in would_be:
-        words = written(packet, tables[packet[4]])
-        results.print(f"{packet.hex(' ').upper()}  {words}", highlight=False, soft_wrap=True)
-    to = np.degrees(turned.angle_rad(goal))
-    results.print(f"nothing was sent; {joint} would turn to {to:.2f} deg", highlight=False)
