@@ -6,6 +6,7 @@ line is PortLost, also the `termios.error` that an unplugged adapter raises.
 
 from __future__ import annotations
 
+import errno
 import fcntl
 import os
 import select
@@ -167,19 +168,34 @@ def _why_not(name: str, error: BaseException) -> str:
         return f"there is no serial port {name}: check the cable, and `viewsep rig ports` for those there are"
     if not os.access(name, os.R_OK | os.W_OK):
         return f"this user may not use {name}: add it to the port's group, e.g. `sudo usermod -aG dialout $USER`"
+    if not _is_serial(name):
+        return f"{name} is no serial port: `viewsep rig ports` lists them"
     holder = _holder(Path(name))
     if holder:
         return f"the serial port {name} is used by process {holder}: end it, or use another port"
     return f"the serial port {name} cannot be opened: {error}"
 
 
+def _is_serial(name: str) -> bool:
+    """Whether it is a terminal, as serial ports are; one that another process keeps to itself is taken for one."""
+    try:
+        opened = os.open(name, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+    except OSError as error:
+        return error.errno == errno.EBUSY
+    try:
+        return os.isatty(opened)
+    finally:
+        os.close(opened)
+
+
 def _holder(path: Path) -> str:
     """The process that has locked a file, as `1234 (viewsep)`; empty where it is not to be seen."""
     with suppress(OSError, IndexError, ValueError):
-        inode = path.stat().st_ino
+        status = path.stat()
+        file = f"{os.major(status.st_dev):02x}:{os.minor(status.st_dev):02x}:{status.st_ino}"
         for line in Path("/proc/locks").read_text(encoding="ascii").splitlines():
             fields = line.split()
-            if fields[1] == "FLOCK" and int(fields[5].split(":")[2]) == inode and int(fields[4]) > 0:
+            if fields[1] == "FLOCK" and fields[5] == file and int(fields[4]) > 0:
                 name = Path(f"/proc/{fields[4]}/comm").read_text(encoding="utf-8").strip()
                 return f"{fields[4]} ({name})"
     return ""

@@ -122,6 +122,13 @@ def joints(first: str) -> Before:
     return config(f'[rig]\n[[rig.joints]]\nname = "pan"\n{first}\n')
 
 
+def servos(bus: str, preset: str = "turntable", mode: str = "extended") -> Before:
+    return config(
+        f'[rig]\nbackend="dynamixel"\npreset="{preset}"\n[dynamixel]\n{bus}\n[[dynamixel.servos]]\njoint="pan"\nid=1\n'
+        f'mode="{mode}"\n'
+    )
+
+
 def views_csv(content: str) -> Before:
     """Replaces the list of the photos in `tin`."""
     return text("tin/views.csv", content)
@@ -258,6 +265,33 @@ CASES: dict[str, Case] = {
         config("[descriptor.options]\ndistance_px=2"),
     ),
     "plot into nothing": Case("models lib --plot nowhere/sheet.png", "nowhere"),
+    # servos
+    "doctor of nothing": Case("rig doctor", "give --config FILE, or --port PORT where there is none yet"),
+    "doctor of a simulation": Case(
+        "rig doctor --config c.toml", "c.toml: rig.backend = 'sim' has no servos: `viewsep rig init`", config("")
+    ),
+    "scan at no baud": Case("rig scan --port /dev/null --baud 5", "--baud 5: servos know 9600, 57600"),
+    "init over a file": Case("rig init --preset wrist -o run.mcap", "run.mcap exists: choose another name with -o"),
+    "init of a strange port": Case('rig init --preset wrist --port a"b', "is no name of a port: `viewsep rig ports`"),
+    "init into nothing": Case("rig init --preset wrist -o nowhere/c.toml", "cannot write the configuration nowhere"),
+    "home of emulated servos": Case(
+        "rig home --config c.toml", "dynamixel.port = 'emulated': there is nothing to set up", servos('port="emulated"')
+    ),
+    "a zero at no angle": Case(
+        "rig home --config c.toml --joint pan --at-stop --stop-deg nan",
+        "--stop-deg nan is no angle of a joint: give",
+        servos('port="/dev/x"'),
+    ),
+    "servo for no joint": Case(
+        "rig jog --config c.toml --joint pan --by-deg 1",
+        r"'dynamixel.servos' is for the joints \['pan'\], but the rig has \['tilt', 'pan'\]",
+        servos('port="/dev/x"', "pan_tilt"),
+    ),
+    "servo with an impossible range": Case(
+        "rig calibrate --config c.toml --repeats 1",
+        "joint 'pan': mode = 'position' reaches 0 to 4095 counts, but its limits need -inf to inf",
+        servos('port="/dev/x"', mode="position"),
+    ),
     # configuration
     "config missing": Case(WITH_CONFIG, "cannot read the configuration c.toml: .*No such file"),
     "config is no text": Case(

@@ -238,6 +238,7 @@ def test_calibrate_measures_what_the_encoder_sees(
     ("arguments", "sentence"),
     [
         (("jog", "--joint", "roll", "--by-deg", "1"), "--joint 'roll': the joints in .* are tilt, pan"),
+        (("jog", "--joint", "pan", "--by-deg", "inf", "--dry-run"), "joint 'pan': set-point inf deg is outside"),
         (("jog", "--joint", "pan"), "give --by-deg or --to-deg"),
         (("home", "--joint", "pan", "--by-hand", "--dry-run"), "--dry-run goes without --by-hand and --at-stop"),
         (("home", "--joint", "pan"), "--joint goes with --by-hand or --at-stop"),
@@ -267,3 +268,10 @@ def test_a_port_that_is_not_there_is_named(shell: Shell) -> None:
     assert ended.code == 1
     assert "there is no serial port /dev/ttyNOWHERE" in " ".join(ended.err.split())
     assert shell("rig", "scan", "--port", "/dev/ttyNOWHERE", "--baud", "5").code == 2
+
+
+@pytest.mark.parametrize("name", ["/dev/null", "/dev", __file__])
+def test_what_is_no_serial_port_is_not_taken_for_one(shell: Shell, name: str) -> None:
+    ended = shell("rig", "scan", "--port", name, "--baud", "57600")
+    assert ended.code == 1
+    assert f"{name} is no serial port: `viewsep rig ports` lists them" in " ".join(ended.err.split())

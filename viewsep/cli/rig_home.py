@@ -59,6 +59,8 @@ def home(
         raise BadInput("--by-hand and --at-stop exclude each other")
     if at_stop and stop_deg is None:
         raise BadInput("--at-stop needs --stop-deg: the joint's angle at the stop")
+    if stop_deg is not None and not abs(stop_deg) <= 360.0:
+        raise BadInput(f"--stop-deg {stop_deg} is no angle of a joint: give -360 to 360")
     if not (by_hand or at_stop):
         if joint is not None:
             raise BadInput("--joint goes with --by-hand or --at-stop; one joint alone is turned by `viewsep rig jog`")

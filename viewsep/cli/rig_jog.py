@@ -79,7 +79,7 @@ def jog(
 def _goal(limit: JointLimits, at_rad: float, by_deg: float | None, to_deg: float | None) -> float:
     """The angle to turn to. Raises BadInput outside the joint's limits."""
     goal = float(np.radians(to_deg)) if to_deg is not None else at_rad + float(np.radians(by_deg or 0.0))
-    if not limit.lower_rad - 1e-6 <= goal <= limit.upper_rad + 1e-6:
+    if not (np.isfinite(goal) and limit.lower_rad - 1e-6 <= goal <= limit.upper_rad + 1e-6):
         raise BadInput(
             f"joint {limit.name!r}: set-point {np.degrees(goal):.2f} deg is outside "
             f"[{np.degrees(limit.lower_rad):g}, {np.degrees(limit.upper_rad):g}] deg"
