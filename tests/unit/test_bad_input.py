@@ -279,7 +279,7 @@ CASES: dict[str, Case] = {
     ),
     "a zero at no angle": Case(
         "rig home --config c.toml --joint pan --at-stop --stop-deg nan",
-        "--stop-deg nan is no angle of a joint: give",
+        "--stop-deg nan is no angle",
         servos('port="/dev/x"'),
     ),
     "servo for no joint": Case(
