@@ -30,7 +30,7 @@ contracts: env
 	$(BIN)/lint-imports
 
 unit: env
-	$(BIN)/python -m pytest -m "not alone" --numprocesses auto --dist loadfile
+	$(BIN)/python -m pytest -m "not alone" --numprocesses auto --dist worksteal
 	$(BIN)/python -m pytest -m alone
 
 wheel: env
