@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from contextlib import suppress
 
 from viewsep.drivers.dynamixel.control_table import STEP_RAD
 from viewsep.drivers.dynamixel.servo import Servo
@@ -18,6 +19,7 @@ LONGEST_S = 60.0
 WATCHDOG_S = 0.5  # a process that dies leaves no servo pressing
 SPEED_RAD_S = math.radians(15.0)
 BACK_RAD = math.radians(3.0)  # from the stop, so that nothing presses against it
+LEAST_RAD = math.radians(1.0)  # what does not move as much was too weak to
 BACK_S = BACK_RAD / SPEED_RAD_S + 0.5
 
 Tell = Callable[[int], None]
@@ -29,6 +31,7 @@ def zero_by_hand(servo: Servo, clock: Clock, seconds: float, tell: Tell, ended: 
 
     It waits for `seconds`, or until `ended()`. Raises BusError.
     """
+    servo.restart_if_alert()
     servo.arm(0.0)
     servo.release()
     _watch(servo, clock, seconds, tell, ended)
@@ -47,18 +50,27 @@ def zero_at_stop(
     """
     wanted = servo.settings
     turning = direction * wanted.direction
+    servo.restart_if_alert()  # with an alert it would stand still, as if at the stop
     try:
         stop = _press(servo, clock, turning, effort, tell, ended)
         servo.write("Goal Position", stop - turning * round(BACK_RAD / wanted.step_rad))
         _watch(servo, clock, BACK_S, tell, lambda: False)
-    finally:
-        servo.arm(0.0)
-        servo.hold()  # before it has its strength back
-        for limited in ("PWM", "Current"):
-            if f"Goal {limited}" in servo.table:
-                servo.write(f"Goal {limited}", servo.read(f"{limited} Limit"))
-        servo.restore()
+    except BaseException:
+        with suppress(RigError):  # what went wrong first is told
+            _recover(servo)
+        raise
+    _recover(servo)
     return wanted.with_zero(stop - wanted.direction * round(stop_rad / wanted.step_rad)).zero_counts
+
+
+def _recover(servo: Servo) -> None:
+    """Hold, with the strength and in the mode that the configuration wants. Raises RigError."""
+    servo.arm(0.0)
+    servo.hold()  # before it has its strength back
+    for limited in ("PWM", "Current"):
+        if f"Goal {limited}" in servo.table:
+            servo.write(f"Goal {limited}", servo.read(f"{limited} Limit"))
+    servo.restore()
 
 
 def _press(servo: Servo, clock: Clock, turning: int, effort: float, tell: Tell, ended: Callable[[], bool]) -> int:
@@ -87,7 +99,14 @@ def _press(servo: Servo, clock: Clock, turning: int, effort: float, tell: Tell, 
         if abs(position - last) > 1:
             last, moved_ns = position, clock.now_ns()
         clock.sleep_until(clock.now_ns() + POLL_NS)
-    return servo.read("Present Position")
+    if alert := servo.alert():
+        raise RigError(f"{servo.name}: {alert}; zero_counts stays as it was")
+    stop = servo.read("Present Position")
+    if abs(stop - begin) * servo.settings.step_rad < LEAST_RAD:
+        raise RigError(
+            f"{servo.name} did not move: raise --effort, or turn the joint away from the stop where it is there already"
+        )
+    return stop
 
 
 def _watch(servo: Servo, clock: Clock, seconds: float, tell: Tell, ended: Callable[[], bool]) -> None:

@@ -105,6 +105,34 @@ def test_at_a_stop_in_position_mode(bench: Bench, model: str, start: int, stop: 
     assert (servo["Torque Enable"], servo["Bus Watchdog"]) == (1, 0)
 
 
+def test_too_weak_to_move_is_not_at_the_stop(bench: Bench) -> None:
+    before = bench.file.read_bytes()
+    bench.servo.load = 0.5
+    ended = bench.home("--at-stop", "--stop-deg", "90", "--effort", "0.2")
+    assert ended.code == 1
+    assert "did not move: raise --effort, or turn the joint away from the stop" in " ".join(ended.err.split())
+    assert bench.file.read_bytes() == before
+    assert bench.servo["Operating Mode"] == 3
+
+
+def test_a_servo_that_gives_up_is_not_at_the_stop(bench: Bench) -> None:
+    before = bench.file.read_bytes()
+    failing = bench.meanwhile(lambda: bench.servo.counts > 2100, bench.servo.overload)
+    ended = bench.home("--at-stop", "--stop-deg", "90")
+    failing.join()
+    assert ended.code == 1
+    assert "it was overloaded" in ended.err
+    assert bench.file.read_bytes() == before
+
+
+def test_an_alert_from_before_is_cleared_first(bench: Bench) -> None:
+    bench.servo.overload()
+    bench.servo.mechanical_stops = (1300, 2300)
+    assert bench.home("--at-stop", "--stop-deg", "65").code == 0
+    assert bench.zero == pytest.approx(2300 - 740, abs=2)
+    assert bench.servo["Hardware Error Status"] == 0
+
+
 def test_a_zero_from_where_the_limits_cannot_be_reached_is_not_saved(bench: Bench) -> None:
     before = bench.file.read_bytes()
     bench.servo.poke("Present Position", 300)
