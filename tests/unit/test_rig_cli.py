@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+from serial.tools.list_ports_common import ListPortInfo
 from shell import Shell
 
 from viewsep.clock import MonotonicClock
@@ -86,6 +87,27 @@ def test_init_writes_a_configuration_that_loads(shell: Shell, tmp_path: Path, pr
     assert "exists: choose another name" in again.err
     assert shell("rig", "init", "--preset", "wrist", "-o", str(file), "--force").code == 0
     assert file.read_text() != before or preset == "wrist"
+
+
+def test_ports_are_listed_with_the_names_that_stay(
+    shell: Shell, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    device = tmp_path / "ttyUSB7"
+    device.touch()
+    (tmp_path / "by-id").mkdir()
+    (tmp_path / "by-id" / "usb-FTDI_1234").symlink_to(device)
+    found = ListPortInfo(str(device))
+    found.description = "USB Serial"
+    monkeypatch.setattr("viewsep.cli.rig_ports.BY_ID", tmp_path / "by-id")
+    monkeypatch.setattr("viewsep.cli.rig_ports.comports", lambda: [found])
+    stable = str(tmp_path / "by-id" / "usb-FTDI_1234")
+    expected = [{"port": str(device), "by_id": stable, "description": "USB Serial", "latency_ms": None}]
+    assert shell("rig", "ports", "--json").json == expected
+    assert "USB Serial" in shell("rig", "ports").out
+    monkeypatch.setattr("viewsep.cli.rig_ports.comports", list)
+    none = shell("rig", "ports")
+    assert (none.code, none.out) == (1, "")
+    assert "no serial port: plug the adapter in" in none.err
 
 
 def test_scan_prints_id_model_firmware_and_baud(shell: Shell, port: str) -> None:
