@@ -257,6 +257,8 @@ class DynamixelMotion:
         """A joint that has not arrived in time is a fault."""
         if self._deadline_ns is not None and self._clock.now_ns() > self._deadline_ns:
             away = np.abs(np.subtract(self._states[-1].position_rad, self._setpoint_rad))
+            if away.max() <= self._settings.tolerance_rad:  # it is there, and only not long enough yet
+                return
             servo = self._servos[int(np.argmax(away))]
             self._complain(
                 f"{servo.name} did not arrive in time: it is {np.degrees(away.max()):.1f} deg away from its set-point: "

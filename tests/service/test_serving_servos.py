@@ -6,9 +6,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import pytest
 from processes import Serving, complete, rig_of, serving, still, until
 
 
+@pytest.mark.alone
 def test_a_task_on_emulated_servos_ends_with_the_right_object(settings: Mapping[str, Any], tmp_path: Path) -> None:
     servos = [{"joint": "pan", "id": 1, "mode": "extended", "model": "XL430-W250"}]
     bus = {"port": "emulated", "baud": 1_000_000, "emulated_speed": 4.0, "lost_s": 2.0, "watchdog_s": 2.0}

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import pytest
+
 from viewsep.bench.servos import measure_servos
 
 
+@pytest.mark.alone
 def test_the_driver_is_measured_beside_the_sdk() -> None:
     figures = measure_servos(0.2, 1_000_000)
     assert list(figures) == [f"{n} servos, {who}" for n in (1, 2, 3) for who in ("driver", "SDK alone")]

@@ -46,6 +46,7 @@ ANSWER_KEYS = {
     "seed",
     "simulated",
     "pictures",
+    "rig",
     "recording",
 }
 

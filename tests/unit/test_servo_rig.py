@@ -44,6 +44,7 @@ class States:
             self.heard.append(message)
 
 
+@pytest.mark.alone
 @pytest.mark.needs_pybullet
 @pytest.mark.parametrize(("name", "seed"), [("turntable", 6), ("pan_tilt", 1), ("wrist", 5)])
 def test_a_twin_is_identified_on_servos_and_the_recording_replays(
