@@ -58,13 +58,25 @@ class Bench:
 
         def wait() -> None:
             until_s = time.monotonic() + 10.0
-            while not happens() and time.monotonic() < until_s:
+            while time.monotonic() < until_s:
+                if happens():
+                    act()
+                    return
                 time.sleep(0.01)
-            act()
 
         thread = threading.Thread(target=wait, daemon=True)
         thread.start()
         return thread
+
+    def ctrl_c(self, happens: Callable[[], bool]) -> threading.Thread:
+        """Presses it when something has happened, if the command listens to it then: pytest would, too."""
+        of_pytest = signal.getsignal(signal.SIGINT)
+
+        def press() -> None:
+            if signal.getsignal(signal.SIGINT) is not of_pytest:
+                os.kill(os.getpid(), signal.SIGINT)
+
+        return self.meanwhile(happens, press)
 
 
 @pytest.fixture
@@ -145,7 +157,7 @@ def test_a_zero_from_where_the_limits_cannot_be_reached_is_not_saved(bench: Benc
 
 def test_ctrl_c_on_the_way_to_a_stop(bench: Bench) -> None:
     before = bench.file.read_bytes()
-    pressing = bench.meanwhile(lambda: bench.servo.counts > 2100, lambda: os.kill(os.getpid(), signal.SIGINT))
+    pressing = bench.ctrl_c(lambda: bench.servo.counts > 2100)
     ended = bench.home("--at-stop", "--stop-deg", "90")
     pressing.join()
     assert ended.code == 130
@@ -177,7 +189,7 @@ def test_a_joint_that_does_not_arrive_is_an_error(bench: Bench, command: tuple[s
 
 
 def test_ctrl_c_stops_a_jog(bench: Bench) -> None:
-    stopping = bench.meanwhile(lambda: bench.servo.counts > 2100, lambda: os.kill(os.getpid(), signal.SIGINT))
+    stopping = bench.ctrl_c(lambda: bench.servo.counts > 2100)
     ended = bench.shell("rig", "jog", "--config", bench.file, "--joint", "tilt", "--to-deg", "59")
     stopping.join()
     assert ended.code == 130
