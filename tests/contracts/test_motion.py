@@ -87,7 +87,7 @@ def emulated(name: str, baud: int = 1_000_000) -> Make:
         # what counts in the wall's time is given more of the clock's
         motion = EmulatedMotion(BusSettings("", servos, baud, state_hz=60.0, watchdog_s=2.5, lost_s=2.5), clock)
         stack.callback(motion.close)
-        return MotionCase(motion, clock, STEP_RAD, np.radians(0.1))
+        return MotionCase(motion, clock, STEP_RAD, np.radians(0.1), stamp_accuracy_s=0.02)
 
     return make
 
