@@ -255,6 +255,7 @@ def in_threads(count: int, work: Callable[[], None]) -> None:
     assert errors == []
 
 
+@pytest.mark.alone
 def test_any_number_of_readers_get_frames_and_one_thread_reads_the_device(
     camera: SharedCamera, blinking: Blinking
 ) -> None:
@@ -297,6 +298,7 @@ def test_a_stepped_camera_is_read_by_whoever_asks_and_counts_its_rate(product_me
     assert health.newest_age_s == 0.0
 
 
+@pytest.mark.alone
 @pytest.mark.needs_pybullet
 def test_a_camera_faster_than_its_reader_is_kept_up_with_by_skipping_frames(product_mesh: Path) -> None:
     clock = PacedClock(30.0)
