@@ -6,8 +6,9 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from viewsep.errors import MoveRefused, NotConnected
+from viewsep.errors import NotConnected
 from viewsep.interfaces import JointLimits
+from viewsep.kinematics import check_setpoints
 from viewsep.messages import JointState
 from viewsep.sim.world import STEP_NS, Moment, World
 
@@ -40,16 +41,8 @@ class SimMotion:
         """Start moving; set-points are rounded to the encoder's steps, and by the world to where it can rest."""
         self._check()
         limits = self.limits()
-        if len(position_rad) != len(limits):
-            raise MoveRefused(f"the rig has {len(limits)} joints, but {len(position_rad)} set-points were given")
-        commanded = []
-        for q, limit in zip(position_rad, limits, strict=True):
-            if not (np.isfinite(q) and limit.lower_rad - 1e-6 <= q <= limit.upper_rad + 1e-6):
-                raise MoveRefused(
-                    f"joint {limit.name!r}: set-point {np.degrees(q):.2f} deg is outside "
-                    f"[{np.degrees(limit.lower_rad):g}, {np.degrees(limit.upper_rad):g}] deg"
-                )
-            commanded.append(_rounded(q, limit))
+        check_setpoints(position_rad, limits)
+        commanded = [_rounded(q, limit) for q, limit in zip(position_rad, limits, strict=True)]
         with self._world.clock.lock:
             self._world.clock.now_ns()  # what was commanded before acts until now
             return self._world.drive(commanded)

@@ -6,6 +6,8 @@ The command line prints it as it is and exits with `exit_code`; anything else th
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
+
 
 class ViewsepError(Exception):
     """Base of all deliberate errors."""
@@ -71,3 +73,15 @@ class Interrupted(ViewsepError):
     """Somebody stopped a long run (Ctrl-C, SIGTERM); says what is kept of it and how to go on."""
 
     exit_code = 130
+
+
+def try_all(acts: Iterable[Callable[[], None]]) -> None:
+    """Do all of them, whatever goes wrong, then raise the first error: how devices are stopped and released."""
+    errors: list[BaseException] = []
+    for act in acts:
+        try:
+            act()
+        except BaseException as error:
+            errors.append(error)
+    if errors:
+        raise errors[0]

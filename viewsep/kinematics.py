@@ -12,7 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
-from viewsep.errors import BadConfig, UnreachableView
+from viewsep.errors import BadConfig, MoveRefused, UnreachableView
 from viewsep.geometry import (
     angle_between,
     axis_rotation,
@@ -172,6 +172,18 @@ class RigGeometry:
         turned = positions_rad + 2 * np.pi * np.round((near - positions_rad) / (2 * np.pi))
         lower, upper = self._bounds()
         return np.where((turned >= lower) & (turned <= upper), turned, positions_rad)
+
+
+def check_setpoints(position_rad: Sequence[float], limits: Sequence[JointLimits]) -> None:
+    """Set-points (n,) of a move must be within the joints' limits. Raises MoveRefused naming joint, value and range."""
+    if len(position_rad) != len(limits):
+        raise MoveRefused(f"the rig has {len(limits)} joints, but {len(position_rad)} set-points were given")
+    for q, limit in zip(position_rad, limits, strict=True):
+        if not (np.isfinite(q) and limit.lower_rad - 1e-6 <= q <= limit.upper_rad + 1e-6):
+            raise MoveRefused(
+                f"joint {limit.name!r}: set-point {np.degrees(q):.2f} deg is outside "
+                f"[{np.degrees(limit.lower_rad):g}, {np.degrees(limit.upper_rad):g}] deg"
+            )
 
 
 def one_turn(limit: JointLimits) -> tuple[float, float]:

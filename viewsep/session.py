@@ -10,7 +10,7 @@ import numpy as np
 
 from viewsep.engine.engine import Engine
 from viewsep.engine.state import EngineState
-from viewsep.errors import MoveRefused, RigError, Timeout, UnreachableView
+from viewsep.errors import MoveRefused, RigError, Timeout, UnreachableView, try_all
 from viewsep.interfaces import CameraSource, Clock, Listener, MotionBackend, Perception
 from viewsep.kinematics import RigGeometry
 from viewsep.messages import (
@@ -96,14 +96,7 @@ class Session:
 
     def close(self) -> None:
         """Stop the motion and close motion and camera: all is tried, then the first error is raised."""
-        errors: list[BaseException] = []
-        for close in (self.rig.motion.close, self.rig.camera.close):
-            try:
-                close()
-            except BaseException as error:
-                errors.append(error)
-        if errors:
-            raise errors[0]
+        try_all((self.rig.motion.close, self.rig.camera.close))
 
     def cancel(self, reason: str) -> None:
         """Ask the running task to end; may be called from a signal handler or another thread."""

@@ -22,7 +22,7 @@ from viewsep.drivers.dynamixel.packets import HEADER, SYNC_WRITE, Packets, words
 from viewsep.drivers.dynamixel.port import SerialPort, Trace
 
 BROADCAST = 0xFE
-PING, READ, WRITE, REBOOT, CLEAR, SYNC_READ = 0x01, 0x02, 0x03, 0x08, 0x10, 0x82
+PING, READ, WRITE, REBOOT, SYNC_READ = 0x01, 0x02, 0x03, 0x08, 0x82
 ALERT = 0x80
 REFUSALS = {
     1: "could not carry the instruction out",
@@ -208,10 +208,10 @@ class Bus:
                     self._count(strange=1)
             return replies
 
-    def write(self, servo_id: int, register: Register, counts: int) -> bool:
-        """Set a register; returns the servo's alert bit. Raises NoReply, ServoRefused, PortLost."""
+    def write(self, servo_id: int, register: Register, counts: int) -> None:
+        """Set a register. Raises NoReply, ServoRefused, PortLost."""
         what = f"{register.name} = {counts}"
-        return self._ask(servo_id, WRITE, words(register.address) + register.encode(counts), 0, what=what).alert
+        self._ask(servo_id, WRITE, words(register.address) + register.encode(counts), 0, what=what)
 
     def write_unanswered(self, servo_id: int, register: Register, counts: int) -> None:
         """Set a register of a servo that may not be set to answer. Raises PortLost."""
@@ -232,10 +232,6 @@ class Bus:
     def reboot(self, servo_id: int) -> None:
         """Start a servo anew, which clears its alert; it answers again about half a second later. Raises NoReply."""
         self._ask(servo_id, REBOOT, b"", 0)
-
-    def clear_turns(self, servo_id: int) -> None:
-        """Forget whole turns: the present position becomes that within one turn. Raises NoReply, ServoRefused."""
-        self._ask(servo_id, CLEAR, bytes([0x01, 0x44, 0x58, 0x4C, 0x22]), 0)
 
     def _read_one(self, servo_id: int, address: int, size: int, retries: int | None) -> Reply:
         """A block of one servo, each attempt of another length. Raises NoReply, ServoRefused, PortLost."""

@@ -23,8 +23,9 @@ from viewsep.drivers.dynamixel.health import Health
 from viewsep.drivers.dynamixel.port import Trace
 from viewsep.drivers.dynamixel.servo import Reading, Servo, handshake
 from viewsep.drivers.dynamixel.settings import BusSettings
-from viewsep.errors import MoveRefused, NotConnected, RigError, Timeout
+from viewsep.errors import MoveRefused, NotConnected, RigError, Timeout, try_all
 from viewsep.interfaces import Clock, JointLimits
+from viewsep.kinematics import check_setpoints
 from viewsep.messages import JointState
 
 MEMORY_S = 20.0
@@ -79,7 +80,7 @@ class DynamixelMotion:
         The servos have confirmed their goals when this returns. Raises MoveRefused, RigError.
         """
         self._check()
-        self._check_goal(position_rad)
+        check_setpoints(position_rad, self.limits())
         with self._bus.together():
             if self._fault:
                 raise MoveRefused(self._fault)
@@ -164,7 +165,7 @@ class DynamixelMotion:
         try:
             with self._bus.together():
                 if self._bus.is_open:  # what was lost has been told as a fault
-                    _all((self._brake, lambda: _each(self._servos, lambda servo: servo.arm(0.0))))
+                    try_all((self._brake, lambda: _each(self._servos, lambda servo: servo.arm(0.0))))
         finally:
             self._bus.close()
 
@@ -307,29 +308,7 @@ class DynamixelMotion:
         if self._thread is None:
             raise NotConnected(f"the servos on {self._settings.port} are not connected: call connect() first")
 
-    def _check_goal(self, position_rad: Sequence[float]) -> None:
-        if len(position_rad) != len(self.limits()):
-            raise MoveRefused(f"the rig has {len(self.limits())} joints, but {len(position_rad)} set-points were given")
-        for q, limit in zip(position_rad, self.limits(), strict=True):
-            if not (np.isfinite(q) and limit.lower_rad - 1e-6 <= q <= limit.upper_rad + 1e-6):
-                raise MoveRefused(
-                    f"joint {limit.name!r}: set-point {np.degrees(q):.2f} deg is outside "
-                    f"[{np.degrees(limit.lower_rad):g}, {np.degrees(limit.upper_rad):g}] deg"
-                )
-
 
 def _each(servos: Iterable[Servo], act: Callable[[Servo], None]) -> None:
     """Do it with every servo, then raise the first error."""
-    _all(partial(act, servo) for servo in servos)
-
-
-def _all(acts: Iterable[Callable[[], None]]) -> None:
-    """Do all, then raise the first error."""
-    errors = []
-    for act in acts:
-        try:
-            act()
-        except RigError as error:
-            errors.append(error)
-    if errors:
-        raise errors[0]
+    try_all(partial(act, servo) for servo in servos)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from viewsep.config import Config
-from viewsep.errors import NotConnected
+from viewsep.errors import NotConnected, try_all
 from viewsep.interfaces import CameraSource, Clock
 from viewsep.kinematics import RigGeometry
 from viewsep.messages import Frame
@@ -38,14 +38,7 @@ class ServedRig:
 
     def close(self) -> None:
         """Stop the motion and release both: all is tried, then the first error is raised. Safe to call twice."""
-        errors: list[BaseException] = []
-        for close in (self.motion.close, self.camera.close):
-            try:
-                close()
-            except BaseException as error:
-                errors.append(error)
-        if errors:
-            raise errors[0]
+        try_all((self.motion.close, self.camera.close))
 
     def lent_to(self, holder: str) -> Rig:
         """The rig for one session in this process: opening and closing it takes and returns the lease, no more."""
