@@ -11,6 +11,8 @@ from viewsep.drivers.dynamixel.alerts import in_words
 from viewsep.drivers.dynamixel.bus import Bus, Found
 from viewsep.drivers.dynamixel.control_table import control_table, x_series
 from viewsep.drivers.dynamixel.errors import BusError
+from viewsep.drivers.dynamixel.health import HealthLimits
+from viewsep.drivers.dynamixel.registers import Registers
 from viewsep.drivers.dynamixel.servo import ANSWERS_ALL, Servo
 from viewsep.drivers.dynamixel.settings import ServoSettings
 from viewsep.errors import RigError
@@ -71,7 +73,7 @@ def servo_checks(bus: Bus, found: Found, wanted: ServoSettings | None, configure
     good = found.firmware >= WATCHDOG_FIRMWARE or "330" in found.model
     remedy = f"update it with DYNAMIXEL Wizard: before {WATCHDOG_FIRMWARE} there is no bus watchdog"
     yield check(f"{who}: firmware", good, str(found.firmware), remedy)
-    servo = _Looked(bus, found)
+    servo = Registers(bus, found.servo_id, control_table(found.model_number, found.firmware))
     try:
         yield from _health(servo, who, wanted)
         yield from _answering(servo, who, fix)
@@ -83,33 +85,14 @@ def servo_checks(bus: Bus, found: Found, wanted: ServoSettings | None, configure
         yield Check(f"{who}: registers", Verdict.BAD, str(error), "if it answers pings only, switch it off and on")
 
 
-class _Looked:
-    """A servo of which only registers are read."""
-
-    def __init__(self, bus: Bus, found: Found) -> None:
-        self.table = control_table(found.model_number, found.firmware)
-        self._bus, self._id = bus, found.servo_id
-
-    def read(self, name: str) -> int:
-        return self._bus.read(self._id, self.table[name])
-
-    def read_si(self, name: str) -> float:
-        return self.read(name) * self.table[name].scale
-
-    def write(self, name: str, counts: int) -> None:
-        self._bus.write(self._id, self.table[name], counts)
-
-
-def _health(servo: _Looked, who: str, wanted: ServoSettings | None) -> Iterator[Check]:
+def _health(servo: Registers, who: str, wanted: ServoSettings | None) -> Iterator[Check]:
     errors = in_words(servo.read("Hardware Error Status"))
     remedy = "then `viewsep clear-fault`, or switch it off and on"
     yield check(f"{who}: hardware", not errors, errors or "no error", remedy)
-    hot, hottest = servo.read_si("Present Temperature"), servo.read_si("Temperature Limit")
-    hottest = (wanted and wanted.temperature_limit_c) or hottest
+    limits = HealthLimits.of(servo, wanted)
+    hot, hottest = servo.read_si("Present Temperature"), limits.hottest_c
     yield check(f"{who}: temperature", hot <= hottest, f"{hot:.0f} of at most {hottest:.0f} degC", "let it cool down")
-    volts = servo.read_si("Present Input Voltage")
-    lowest = (wanted and wanted.min_voltage_v) or servo.read_si("Min Voltage Limit")
-    highest = (wanted and wanted.max_voltage_v) or servo.read_si("Max Voltage Limit")
+    volts, lowest, highest = servo.read_si("Present Input Voltage"), limits.lowest_v, limits.highest_v
     said = f"{volts:.1f} V, allowed {lowest:.1f} to {highest:.1f} V"
     yield check(f"{who}: supply", lowest <= volts <= highest, said, "check the supply and the cables")
     for models, low, high in OPERATING_V:
@@ -124,12 +107,13 @@ def _health(servo: _Looked, who: str, wanted: ServoSettings | None) -> Iterator[
     yield Check(f"{who}: torque", Verdict.GOOD, "on" if servo.read("Torque Enable") else "off")
 
 
-def _answering(servo: _Looked, who: str, fix: bool) -> Iterator[Check]:
+def _answering(servo: Registers, who: str, fix: bool) -> Iterator[Check]:
     delay, torque = servo.read("Return Delay Time"), servo.read("Torque Enable")
     said = f"{delay * 2} us"
     if delay and fix and not torque:
         servo.write("Return Delay Time", 0)
-        said, delay = f"{said}, now {servo.read('Return Delay Time') * 2} us", servo.read("Return Delay Time")
+        delay = servo.read("Return Delay Time")
+        said = f"{said}, now {delay * 2} us"
     remedy = "0 makes every answer come sooner: `viewsep rig doctor --fix` sets it"
     if fix and torque:
         remedy = "it can be set while the torque is off only: switch the servo off and on, then try again"

@@ -2,26 +2,41 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
+from viewsep.drivers.dynamixel.registers import Registers
 from viewsep.drivers.dynamixel.servo import WATCHDOG_STOPPED, Servo
+from viewsep.drivers.dynamixel.settings import ServoSettings
 
 EFFORT_NS = 300_000_000  # effort above the limit for less than this is a start or a stop
 
 
-class Health:
-    """One servo's. Complaints are sentences, empty when all is well.
+@dataclass(frozen=True, slots=True)
+class HealthLimits:
+    """What a servo may feel: the settings' limits, and where those have none its own."""
 
-    Limits are the settings', and where those have none the servo's own.
-    """
+    hottest_c: float
+    lowest_v: float
+    highest_v: float
+
+    @classmethod
+    def of(cls, servo: Registers, wanted: ServoSettings | None) -> HealthLimits:
+        """Raises BusError when the servo's limits cannot be read."""
+        return cls(
+            (wanted and wanted.temperature_limit_c) or servo.read_si("Temperature Limit"),
+            (wanted and wanted.min_voltage_v) or servo.read_si("Min Voltage Limit"),
+            (wanted and wanted.max_voltage_v) or servo.read_si("Max Voltage Limit"),
+        )
+
+
+class Health:
+    """One servo's. Complaints are sentences, empty when all is well."""
 
     def __init__(self, servo: Servo) -> None:
         """Raises BusError when the servo's limits cannot be read."""
-        wanted = servo.settings
         self.temperature_c: float | None = None
-        self.voltage_v: float | None = None
         self._servo = servo
-        self._hottest_c = wanted.temperature_limit_c or servo.read_si("Temperature Limit")
-        self._lowest_v = wanted.min_voltage_v or servo.read_si("Min Voltage Limit")
-        self._highest_v = wanted.max_voltage_v or servo.read_si("Max Voltage Limit")
+        self._limits = HealthLimits.of(servo, servo.settings)
         self._strained_since_ns: int | None = None
 
     def feel(self, effort: float, stamp_ns: int) -> str:
@@ -42,16 +57,16 @@ class Health:
 
     def look(self) -> str:
         """Read temperature, voltage and errors. Raises BusError."""
-        servo = self._servo
+        servo, limits = self._servo, self._limits
         self.temperature_c = servo.read_si("Present Temperature")
-        self.voltage_v = servo.read_si("Present Input Voltage")
+        volts = servo.read_si("Present Input Voltage")
         if alert := servo.alert():
             return f"{servo.name}: {alert}"
-        if self.temperature_c > self._hottest_c:
-            return f"{servo.name} has {self.temperature_c:.0f} degC, more than {self._hottest_c:.0f}: let it cool down"
-        if not self._lowest_v <= self.voltage_v <= self._highest_v:
-            allowed = f"{self._lowest_v:.1f} to {self._highest_v:.1f} V"
-            return f"{servo.name} has {self.voltage_v:.1f} V instead of {allowed}: check the supply and the cables"
+        if self.temperature_c > limits.hottest_c:
+            return f"{servo.name} has {self.temperature_c:.0f} degC, more than {limits.hottest_c:.0f}: let it cool down"
+        if not limits.lowest_v <= volts <= limits.highest_v:
+            allowed = f"{limits.lowest_v:.1f} to {limits.highest_v:.1f} V"
+            return f"{servo.name} has {volts:.1f} V instead of {allowed}: check the supply and the cables"
         if servo.read("Bus Watchdog") == WATCHDOG_STOPPED:
             return f"{servo.name} was stopped by its watchdog, since it heard nothing for too long: the machine stalled"
         return ""

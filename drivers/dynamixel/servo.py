@@ -9,8 +9,9 @@ from viewsep.drivers.dynamixel.alerts import in_words
 from viewsep.drivers.dynamixel.bus import Bus, wait_for
 from viewsep.drivers.dynamixel.control_table import STEPS_PER_TURN, ControlTable, control_table
 from viewsep.drivers.dynamixel.errors import ServoRefused
+from viewsep.drivers.dynamixel.registers import Registers
 from viewsep.drivers.dynamixel.settings import EXTENDED_COUNTS, ServoSettings
-from viewsep.errors import RigError
+from viewsep.errors import MoveRefused, RigError
 
 ANSWERS_ALL = 2  # Status Return Level
 PROFILE_ONGOING = 0x02  # bit of Moving Status
@@ -30,15 +31,14 @@ class Reading:
     effort: float
 
 
-class Servo:
+class Servo(Registers):
     """A servo on a bus. `turn_counts` makes up for whole turns it has forgotten, being started anew."""
 
     def __init__(self, bus: Bus, settings: ServoSettings, table: ControlTable) -> None:
+        super().__init__(bus, settings.servo_id, table)
         self.settings = settings
-        self.table = table
         self.turn_counts = 0
         self.effort = "Present Current" if "Present Current" in table else "Present Load"
-        self._bus = bus
         start = self.state_block[0]
         self._at = {
             name: table[name].address - start
@@ -55,18 +55,6 @@ class Servo:
         """First address and number of bytes of what is read in every cycle."""
         first = self.table[STATE_FIRST].address
         return first, self.table[STATE_LAST].end - first
-
-    def read(self, register: str) -> int:
-        """A register's counts. Raises BusError."""
-        return self._bus.read(self.settings.servo_id, self.table[register])
-
-    def read_si(self, register: str) -> float:
-        """A register's value in its unit. Raises BusError."""
-        return self.read(register) * self.table[register].scale
-
-    def write(self, register: str, counts: int) -> None:
-        """Set a register. Raises BusError."""
-        self._bus.write(self.settings.servo_id, self.table[register], counts)
 
     def interpret(self, data: bytes, before: Reading | None) -> Reading:
         """The bytes of `state_block`."""
@@ -87,10 +75,12 @@ class Servo:
         return self.settings.angle_rad(counts + self.turn_counts)
 
     def goal_counts(self, angle_rad: float) -> int:
-        """The servo's goal for an angle within the limits. Raises RigError where it is beyond its 256 turns."""
+        """The servo's goal for an angle within the limits. Raises MoveRefused beyond its 256 turns."""
         goal = self.settings.counts(angle_rad) - self.turn_counts
         if self.settings.extended and abs(goal) > EXTENDED_COUNTS:
-            raise RigError(f"{self.name} has turned to the end of its 256 turns: connect anew, which counts from zero")
+            raise MoveRefused(
+                f"{self.name} has turned to the end of its 256 turns: connect anew, which counts from zero"
+            )
         return goal
 
     def count_from(self, known_counts: int | None) -> None:
@@ -164,8 +154,8 @@ class Servo:
     def restart_if_alert(self) -> None:
         """Start it anew where it has a hardware error, the only way to clear one. Raises RigError when it remains."""
         if self.alert():
-            self._bus.reboot(self.settings.servo_id)
-            wait_for(self._bus, self.settings.servo_id, REBOOT_S)
+            self._bus.reboot(self._servo_id)
+            wait_for(self._bus, self._servo_id, REBOOT_S)
             if remaining := self.alert():
                 raise RigError(f"{self.name}: {remaining} (it was started anew, which did not help)")
 
