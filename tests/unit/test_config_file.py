@@ -43,3 +43,11 @@ def test_a_link_stays_a_link_and_copies_are_never_replaced(tmp_path: Path) -> No
     assert link.is_symlink()
     assert load_config(file).dynamixel.settle_within_deg == 0.8
     assert sorted(load_config(copy).dynamixel.settle_within_deg for copy in kept) == [0.5, 0.6, 0.7]
+
+
+def test_access_rights_stay(tmp_path: Path) -> None:
+    file = tmp_path / "rig.toml"
+    file.write_text(configuration("turntable", "emulated", 57600))
+    file.chmod(0o600)
+    set_bus(file, "settle_within_deg", 1.0)
+    assert file.stat().st_mode & 0o777 == 0o600

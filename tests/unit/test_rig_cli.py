@@ -110,6 +110,14 @@ def test_ports_are_listed_with_the_names_that_stay(
     assert "no serial port: plug the adapter in" in none.err
 
 
+@pytest.mark.parametrize("port", ["", "a\nb", "tty\x07", 'tty"', "C:\\1"])
+def test_init_writes_nothing_for_what_is_no_port(shell: Shell, tmp_path: Path, port: str) -> None:
+    file = tmp_path / "rig.toml"
+    ended = shell("rig", "init", "--preset", "turntable", "--port", port, "-o", str(file))
+    assert (ended.code, file.exists()) == (2, False)
+    assert "is no name of a port" in " ".join(ended.err.split())
+
+
 def test_scan_prints_id_model_firmware_and_baud(shell: Shell, port: str) -> None:
     ended = shell("rig", "scan", "--port", port, "--baud", "57600", "--json")
     assert ended.code == 0

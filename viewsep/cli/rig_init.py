@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tomllib
 from pathlib import Path
 from typing import Annotated
 
@@ -10,6 +11,7 @@ import typer
 
 from viewsep.cli.console import people
 from viewsep.cli.rig_emulate import Preset
+from viewsep.config import parse_config
 from viewsep.drivers.dynamixel.bus import BAUDS
 from viewsep.errors import BadInput
 from viewsep.files import write_whole
@@ -72,11 +74,13 @@ def init(
     """
     if baud not in BAUDS:
         raise BadInput(f"--baud {baud}: servos know {', '.join(str(known) for known in sorted(BAUDS))}")
-    if '"' in port or "\\" in port:
+    if not port.isprintable() or set(port) & set('"\\') or not port:
         raise BadInput(f"--port {port!r} is no name of a port: `viewsep rig ports` lists them")
     if output.exists() and not force:
         raise BadInput(f"{output} exists: choose another name with -o, or --force to replace it")
-    write_whole(output, configuration(preset.value, port, baud).encode(), "configuration")
+    text = configuration(preset.value, port, baud)
+    parse_config(tomllib.loads(text), str(output))
+    write_whole(output, text.encode(), "configuration")
     next_step = (
         f"viewsep separate --config {output} ..." if port == EMULATED else f"viewsep rig doctor --config {output}"
     )
