@@ -2,21 +2,28 @@
 
 from __future__ import annotations
 
+import os
+import random
 import subprocess
 import sys
 import threading
 import time
+import tty
 from collections.abc import Iterator
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from viewsep.clock import MonotonicClock
 from viewsep.drivers.dynamixel.bus import Bus, BusStatistics, scan
 from viewsep.drivers.dynamixel.control_table import control_table, model_number
 from viewsep.drivers.dynamixel.errors import NoReply, PortLost, ServoRefused
+from viewsep.drivers.dynamixel.packets import Packets, words
 from viewsep.drivers.dynamixel.port import USB_LATENCY_S, usb_latency_s
 from viewsep.sim.dynamixel.bus import EmulatedBus
 from viewsep.sim.dynamixel.faults import Fault, Kind
+from viewsep.sim.dynamixel.packets import Code, Instruction, Status, encode
 from viewsep.sim.dynamixel.port import EmulatedPort
 from viewsep.sim.dynamixel.servo import EmulatedServo
 
@@ -142,6 +149,46 @@ def test_a_goal_that_looks_like_a_header_arrives(bus: Bus, emulated: EmulatedBus
     bus.write(1, TABLE["Goal Position"], goal)
     bus.write_all({2: goal}, TABLE["Goal Position"])
     assert bus.read(1, TABLE["Goal Position"]) == bus.read(2, TABLE["Goal Position"]) == goal
+
+
+@given(
+    servo_id=st.integers(0, 252),
+    instruction=st.sampled_from([code for code in Code if code != Code.STATUS]),
+    parameters=st.lists(st.sampled_from([0xFF, 0xFD, 0x00, 0x55]) | st.integers(0, 255), max_size=60).map(bytes),
+)
+def test_what_is_sent_is_what_the_other_side_would_send(servo_id: int, instruction: Code, parameters: bytes) -> None:
+    """The SDK with our stuffing against the emulated servos' own codec."""
+    packet = [0, 0, 0, 0, servo_id, *words(len(parameters) + 3), instruction, *parameters, 0, 0]
+    assert Packets().as_sent(packet) == encode(Instruction(servo_id, instruction, parameters))
+
+
+def test_noise_of_any_kind_is_survived_and_what_comes_after_it_is_understood() -> None:
+    """A device that answers every ping with 2000 random bytes, 50 times, and then well."""
+    noise = random.Random(0)
+    good = encode(Status(1, 0, bytes([0x24, 0x04, 47])))
+    master, slave = os.openpty()
+    tty.setraw(slave)
+    bus = Bus(os.ttyname(slave), 1_000_000, retries=0)
+    bus.open()
+
+    def answer(data: bytes) -> None:
+        os.read(master, 64)
+        os.write(master, data)
+
+    for round_ in range(51):
+        data = noise.randbytes(2000) if round_ < 50 else good
+        device = threading.Thread(target=answer, args=(data,))
+        device.start()
+        if round_ < 50:
+            with pytest.raises(NoReply):
+                bus.ping(1)
+        else:
+            assert bus.ping(1).model == "XL430-W250"
+        device.join()
+    assert bus.statistics.bytes_received > 10_000
+    bus.close()
+    os.close(master)
+    os.close(slave)
 
 
 def test_an_unplugged_port_is_lost_and_can_be_used_again(bus: Bus, emulated: EmulatedBus) -> None:
