@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from processes import Serving, rig_of, serving
+from processes import Serving, rig_of, serving, until
 from served_rig import ServedRig, free_port
 
 from viewsep.keys import KeyRole, init_keys, issue
@@ -98,6 +98,7 @@ def test_a_service_with_default_settings_is_not_reached_from_outside(
 ) -> None:
     service = Serving(tmp_path, settings)
     with serving(service), service.client() as client:
+        until(lambda: rig_of(client).connections, 10, "the client's own connection is not listed")
         before = rig_of(client)
         for port in (service.port, service.image_port):
             assert "ConnectionRefusedError" in other.run(PLUG, HERE, str(port)).stderr
