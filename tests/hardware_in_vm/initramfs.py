@@ -14,7 +14,7 @@ INIT = Path(__file__).with_name("init")
 def write_initramfs(target: Path, parts: Parts, modules: list[str], command: str) -> None:
     """Write the archive. `init` runs `command` with the host's /bin/sh on top of the host's root."""
     archive = Archive()
-    for folder in ("bin", "dev", "lib", "modules", "overlay", "proc", "root", "sys"):
+    for folder in ("bin", "dev", "lib", "modules", "overlay", "proc", "host", "sys"):
         archive.add(folder, b"", stat.S_IFDIR | 0o755)
     archive.add("bin/busybox", parts.busybox.read_bytes(), stat.S_IFREG | 0o755)
     archive.add("init", INIT.read_bytes(), stat.S_IFREG | 0o755)

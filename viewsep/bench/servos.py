@@ -28,7 +28,8 @@ Figures = Mapping[str, Mapping[str, float]]
 def measure_servos(seconds: float, baud: int) -> Figures:
     """Cycles per second, CPU share of one core and bytes per cycle, for 1, 2 and 3 servos: medians over `ROUNDS`.
 
-    The emulated servos are a process of their own and their bytes take no time, so `line_hz` says what a real line of
+    The driver's bytes are counted, those of the SDK, which has no counter, follow from its packets. The emulated servos
+    are a process of their own and their bytes take no time, so `line_hz` says what a real line of
     this baud allows. Raises RigError.
     """
     figures = {}
