@@ -107,9 +107,16 @@ class RigGeometry:
             shown[missed] = len(self._solutions(self._starts(wanted[missed], home), wanted[missed], home)) > 0
         return shown.reshape(view_directions.shape[:-1])
 
-    def home(self) -> tuple[float, ...]:
-        """Joint angles of zero, or of the limit nearest to it."""
-        return tuple(min(max(0.0, limit.lower_rad), limit.upper_rad) for limit in self.limits)
+    def home(self, near_rad: Sequence[float] | None = None) -> tuple[float, ...]:
+        """Joint angles of zero, or of the limit nearest to it; of free joints the whole turn nearest to `near_rad`."""
+        at_zero = (min(max(0.0, limit.lower_rad), limit.upper_rad) for limit in self.limits)
+        if near_rad is None:
+            return tuple(at_zero)
+        turn = 2 * np.pi
+        return tuple(
+            float(turn * np.round(near / turn)) if np.isinf([limit.lower_rad, limit.upper_rad]).all() else home
+            for home, near, limit in zip(at_zero, near_rad, self.limits, strict=True)
+        )
 
     def _solutions(self, starts: FloatArray, view_direction: FloatArray, near: FloatArray) -> FloatArray:
         """Those of (S, n) starts that lead to the view within the limits, as (G, n) joint angles close to `near`."""

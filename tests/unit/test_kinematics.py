@@ -257,3 +257,10 @@ def test_axes_may_have_any_length() -> None:
     long = rig_geometry("mine", [[0, 0, 20]], [LIMIT], 30.0)
     np.testing.assert_allclose(long.axes, [[0, 0, 1]])
     np.testing.assert_allclose(np.linalg.norm(long.view_direction((0.4,))), 1.0)
+
+
+def test_home_is_the_nearest_whole_turn_of_free_joints_and_zero_of_others() -> None:
+    geometry = preset("pan_tilt")
+    assert geometry.home((0.5, 13.0)) == pytest.approx((0.0, 4 * np.pi))
+    assert geometry.home((-0.5, -3.0)) == (0.0, 0.0)
+    assert geometry.home() == (0.0, 0.0)

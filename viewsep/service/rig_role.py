@@ -79,7 +79,8 @@ class RigRole:
         """Drive to the home position. Raises Refused."""
         request = parse_request("home", payload)
         assert isinstance(request, HomeRequest)
-        return self._begin_move("home", request.owner, request.token, self._served.geometry.home())
+        near = self._served.motion.read_state().position_rad
+        return self._begin_move("home", request.owner, request.token, self._served.geometry.home(near))
 
     def move(self, payload: bytes) -> bytes:
         """Drive to joint angles or to a view direction. Raises Refused."""
