@@ -76,7 +76,7 @@ class RigRole:
         return {"home": self.home, "move": self.move, "clear_fault": self.clear_fault}
 
     def home(self, payload: bytes) -> bytes:
-        """Drive to the home position. Raises Refused."""
+        """Drive to the home position. Raises Refused, RigError."""
         request = parse_request("home", payload)
         assert isinstance(request, HomeRequest)
         near = self._served.motion.read_state().position_rad
