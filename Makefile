@@ -2,6 +2,8 @@
 PYTHON ?= python3.11
 VENV := .venv
 BIN := $(VENV)/bin
+# one more than there are cores, since many tests wait
+WORKERS ?= $$(( $$(getconf _NPROCESSORS_ONLN) + 1 ))
 
 .PHONY: env demo test lint types contracts unit wheel test-hardware-in-vm schemas clean
 
@@ -30,7 +32,7 @@ contracts: env
 	$(BIN)/lint-imports
 
 unit: env
-	$(BIN)/python -m pytest -m "not alone" --numprocesses auto --dist worksteal
+	$(BIN)/python -m pytest -m "not alone" --numprocesses $(WORKERS) --dist worksteal
 	$(BIN)/python -m pytest -m alone
 
 wheel: env

@@ -76,10 +76,10 @@ def remote(speed: float) -> Make:
 
 
 def emulated(name: str, baud: int = 1_000_000) -> Make:
-    """The servo driver on emulated servos, in real time that is three times as fast."""
+    """The servo driver on emulated servos, in real time that is four times as fast."""
 
     def make(stack: ExitStack) -> MotionCase:
-        clock = PacedClock(3.0)
+        clock = PacedClock(4.0)
         servos = tuple(
             ServoSettings(replace(limit, max_speed_rad_s=0.7), number, extended=np.isinf(limit.upper_rad))
             for number, limit in enumerate(preset(name).limits, 1)
@@ -121,7 +121,10 @@ IMPLEMENTATIONS: dict[str, Make] = {
 
 
 def marked(name: str) -> pytest.ParameterSet:
-    marks = [] if name.startswith(("photos", "emulated")) else [pytest.mark.needs_pybullet]
+    if name.startswith("emulated"):  # their time is the wall's, a multiple of it
+        marks = [pytest.mark.alone]
+    else:
+        marks = [] if name.startswith("photos") else [pytest.mark.needs_pybullet]
     return pytest.param(IMPLEMENTATIONS[name], marks=marks, id=name)
 
 
