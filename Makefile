@@ -2,10 +2,8 @@
 PYTHON ?= python3.11
 VENV := .venv
 BIN := $(VENV)/bin
-# one more than there are cores, since many tests wait
-WORKERS ?= $$(( $$(getconf _NPROCESSORS_ONLN) + 1 ))
 
-.PHONY: env demo test lint types contracts unit wheel test-hardware-in-vm schemas clean
+.PHONY: env demo test lint types contracts unit wheel test-long test-hardware-in-vm schemas clean
 
 env: $(VENV)/.up-to-date
 
@@ -19,7 +17,9 @@ $(VENV)/.up-to-date: pyproject.toml
 demo: env
 	$(BIN)/viewsep demo
 
-test: lint types contracts unit wheel
+test: env
+	$(MAKE) --jobs 2 --output-sync lint types contracts wheel
+	$(MAKE) unit
 
 lint: env
 	$(BIN)/ruff check .
@@ -32,8 +32,12 @@ contracts: env
 	$(BIN)/lint-imports
 
 unit: env
-	$(BIN)/python -m pytest -m "not alone" --numprocesses $(WORKERS) --dist worksteal
-	$(BIN)/python -m pytest -m alone
+	$(BIN)/python -m pytest -m "not alone and not long" --numprocesses auto --dist loadfile
+	$(BIN)/python -m pytest -m "alone and not long"
+
+# Whole tasks and the contract of motion on more rigs of emulated servos: a minute.
+test-long: env
+	$(BIN)/python -m pytest -m long
 
 wheel: env
 	$(BIN)/python tests/wheel_install.py

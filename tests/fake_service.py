@@ -89,7 +89,8 @@ class FakeService:
     """A peer on a free port of 127.0.0.1 that serves `roles` of `rig`.
 
     `status` is what it says of itself; `handlers` answers queries by the end of their keys (`status`, `cmd/start`...);
-    `requests` are those that came, `tokens` the lease tokens that are seen now.
+    `asked` are the ends of all keys that were queried, `requests` the commands among them, `tokens` the lease tokens
+    that are seen now.
     """
 
     def __init__(self, rig: str = "bench", roles: tuple[str, ...] = ("rig", "engine"), connect: str = "") -> None:
@@ -103,6 +104,7 @@ class FakeService:
             "rig": json.loads(json.dumps(RIG)) if "rig" in roles else None,
             "engine": json.loads(json.dumps(ENGINE)) if "engine" in roles else None,
         }
+        self.asked: list[str] = []
         self.requests: list[tuple[str, Table]] = []
         self.tokens: set[str] = set()
         self.handlers: dict[str, Handler] = {
@@ -187,6 +189,7 @@ class FakeService:
     def _answer(self, query: zenoh.Query) -> None:
         end = str(query.key_expr).split("/", 2)[2]
         request = {} if query.payload is None else json.loads(query.payload.to_bytes())
+        self.asked.append(end)
         if end.startswith("cmd/"):
             self.requests.append((end.removeprefix("cmd/"), request))
         self.handlers[end](query, request)

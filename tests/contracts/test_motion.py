@@ -122,7 +122,7 @@ IMPLEMENTATIONS: dict[str, Make] = {
 
 def marked(name: str) -> pytest.ParameterSet:
     if name.startswith("emulated"):  # their time is the wall's, a multiple of it
-        marks = [pytest.mark.alone]
+        marks = [pytest.mark.alone] if name.endswith("wrist") else [pytest.mark.alone, pytest.mark.long]
     else:
         marks = [] if name.startswith("photos") else [pytest.mark.needs_pybullet]
     return pytest.param(IMPLEMENTATIONS[name], marks=marks, id=name)

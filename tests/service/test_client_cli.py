@@ -158,6 +158,8 @@ def test_watch_follows_the_running_task_to_its_result(service: FakeService, shel
 
     def go_on() -> None:
         until(lambda: service.watched("result"), "nobody listens")
+        asked = service.asked.count("status")
+        until(lambda: service.asked.count("status") > asked, "nobody asks whether a task is running")
         service.publish("estimate", to_bytes(BELIEF))
         service.publish("estimate", to_bytes(BELIEF), skip=2)
         service.publish("result", to_bytes(ENDED))

@@ -74,15 +74,13 @@ def test_the_attack_works_where_nothing_is_denied() -> None:
     session = rogue(rig.endpoint)
     declared = attack(session)
     until(lambda: "false" in rig.asked("viewsep/x/status"), "a client poses as the rig")
-    until(
-        lambda: any(entry[:2] == ("token", "viewsep/x/alive/rig") for entry in rig.saw), "a false sign of life is seen"
-    )
     (name,) = rig.connections.names
     saw = {(what, key) for what, key, _ in rig.after(session, name)}
     assert {("put", key) for key in FORBIDDEN_PUTS if key != "**"} <= saw
     assert {("delete", key) for key in FORBIDDEN_PUTS if key != "**"} <= saw
     assert {("query", "viewsep/x/rig/move"), ("query", "viewsep/**"), ("query", "**")} <= saw
-    assert ("token", "viewsep/x/alive/rig") in saw
+    # the rig has a token of that name itself, so the false one shows when it goes, which may be after the link has gone
+    until(lambda: ("token", "viewsep/x/alive/rig", 0) in rig.saw, "a false sign of life is seen")
     assert declared
     rig.close()
 

@@ -46,7 +46,14 @@ class States:
 
 @pytest.mark.alone
 @pytest.mark.needs_pybullet
-@pytest.mark.parametrize(("name", "seed"), [("turntable", 6), ("pan_tilt", 1), ("wrist", 5)])
+@pytest.mark.parametrize(
+    ("name", "seed"),
+    [
+        ("turntable", 6),
+        pytest.param("pan_tilt", 1, marks=pytest.mark.long),
+        pytest.param("wrist", 5, marks=pytest.mark.long),
+    ],
+)
 def test_a_twin_is_identified_on_servos_and_the_recording_replays(
     name: str, seed: int, look_alikes: Path, tmp_path: Path
 ) -> None:
