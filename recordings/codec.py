@@ -21,8 +21,11 @@ from viewsep.errors import BadInput, BadRecording
 from viewsep.messages import Array, FloatArray, Frame, Outcome, Phase
 from viewsep.recordings.schemas import viewsep_pb2 as pb
 
-Recordable: TypeAlias = messages.JointState | messages.Event | messages.Command | messages.Estimate | messages.Result
-"""What `encode` takes: every message but `Frame`."""
+Recordable: TypeAlias = (
+    messages.JointState | messages.Event | messages.Command | messages.Estimate | messages.Result | messages.Keyframe
+)
+"""What `encode` takes: every message but `Frame`, which has a codec of its own, and `HypothesisViews`, which decides
+nothing and is only shown."""
 
 IMAGE_TOPIC = "camera/image"
 MASK_TOPIC = "camera/mask"
@@ -36,6 +39,7 @@ SCHEMAS: Mapping[str, type[Protobuf]] = {
     "command": pb.Command,
     "estimate": pb.Estimate,
     "result": pb.Result,
+    "engine/state": pb.Keyframe,
 }
 """Every topic of a recording and the protobuf message on it."""
 
@@ -159,6 +163,8 @@ def _encode(message: Recordable) -> tuple[str, Protobuf]:
             return "estimate", _encode_estimate(message)
         case messages.Result():
             return "result", _encode_result(message)
+        case messages.Keyframe(stamp_ns, state):
+            return "engine/state", pb.Keyframe(stamp_ns=stamp_ns, state=state)
         case _:
             return "event", _encode_event(message)
 
@@ -179,6 +185,8 @@ def _decode(protobuf: Protobuf) -> Recordable:
             return _decode_estimate(protobuf)
         case pb.Result():
             return _decode_result(protobuf)
+        case pb.Keyframe():
+            return messages.Keyframe(protobuf.stamp_ns, protobuf.state)
         case _:
             raise ValueError("no message of this type is recorded")
 

@@ -10,10 +10,10 @@ from __future__ import annotations
 import struct
 import zlib
 from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
-from typing import TypeAlias
 
 import zstandard
 from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
@@ -29,8 +29,7 @@ from mcap.writer import MCAP0_MAGIC
 from viewsep.errors import BadRecording
 from viewsep.recordings.codec import IMAGE_TOPIC, MASK_TOPIC, SCHEMAS, Recordable, RecordedFrame, decode, decode_frame
 
-RecordedMessage: TypeAlias = Recordable | RecordedFrame
-"""What a recording holds: messages, with frames still compressed."""
+PICTURES = (IMAGE_TOPIC, MASK_TOPIC)
 
 _RECORD = struct.Struct("<BQ")  # opcode, length
 _DATA_END = struct.Struct("<BQI")  # opcode, length, CRC of everything before
@@ -40,21 +39,25 @@ _PARSE_ERRORS = (McapError, DecodeError, zstandard.ZstdError, struct.error, Valu
 
 @dataclass(frozen=True, slots=True)
 class Recorded:
-    """One message as it was heard at `stamp_ns`; `raw` is its recorded protobuf, of a frame the picture's."""
+    """One message as it was heard at `stamp_ns`; `raw` is its recorded protobuf."""
 
     topic: str
     stamp_ns: int
-    message: RecordedMessage
+    message: Recordable
     raw: bytes
 
 
 @dataclass(frozen=True, slots=True)
 class Recording:
-    """A whole recording: metadata records by name, attachments' bytes by name, messages in file order."""
+    """A whole recording: metadata records by name, attachments' bytes by name, messages in the order they were heard.
+
+    `frames` are the pictures, still compressed, in their own order; a percept belongs to the frame with its stamp.
+    """
 
     metadata: dict[str, dict[str, str]]
     attachments: dict[str, bytes]
     messages: tuple[Recorded, ...]
+    frames: tuple[RecordedFrame, ...]
 
 
 def read_recording(path: Path) -> Recording:
@@ -152,7 +155,9 @@ def _parse(data: bytes) -> Recording:
                 if number not in topics:
                     raise BadRecording(f"a message at {record.log_time} ns is on channel {number}, which is not there")
                 messages.append((topics[number], record))
-    return Recording(metadata, attachments, tuple(_decoded(messages)))
+    pictures = [row for row in messages if row[0] in PICTURES]
+    others = [row for row in messages if row[0] not in PICTURES]
+    return Recording(metadata, attachments, tuple(_decoded(others)), tuple(_frames(pictures)))
 
 
 def _checked_topic(channel: Channel, schema: Schema | None) -> str:
@@ -169,29 +174,37 @@ def _checked_topic(channel: Channel, schema: Schema | None) -> str:
 
 
 def _decoded(records: Iterable[tuple[str, Message]]) -> Iterator[Recorded]:
-    """The messages in order; a mask is joined to the picture that follows it."""
-    mask: tuple[Message, Protobuf] | None = None
-    for number, (topic, record) in enumerate(records):
-        try:
-            protobuf = _protobuf(topic, record.data)
+    """The messages in order."""
+    for topic, record in records:
+        with _named(topic, record):
+            yield Recorded(topic, record.log_time, decode(topic, _protobuf(topic, record.data)), record.data)
+
+
+def _frames(records: Iterable[tuple[str, Message]]) -> Iterator[RecordedFrame]:
+    """The pictures in order, each joined to the mask before it."""
+    mask: tuple[Message, CompressedImage] | None = None
+    for topic, record in records:
+        with _named(topic, record):
+            image = _protobuf(topic, record.data)
+            assert isinstance(image, CompressedImage)
             if mask is not None and (topic, record.sequence) != (IMAGE_TOPIC, mask[0].sequence):
                 raise BadRecording(f"the mask of frame {mask[0].sequence} is not followed by its picture; record again")
             if topic == MASK_TOPIC:
-                mask = record, protobuf
+                mask = record, image
                 continue
-            message = _message(topic, record, protobuf, None if mask is None else mask[1])
-        except (BadRecording, DecodeError) as error:
-            raise BadRecording(f"message {number} (topic {topic}, {record.log_time} ns): {error}") from error
+            yield decode_frame(record.sequence, image, None if mask is None else mask[1])
         mask = None
-        yield Recorded(topic, record.log_time, message, record.data)
     if mask is not None:
         raise BadRecording(f"the mask of frame {mask[0].sequence} is not followed by its picture; record again")
 
 
-def _message(topic: str, record: Message, protobuf: Protobuf, mask: Protobuf | None) -> RecordedMessage:
-    if isinstance(protobuf, CompressedImage):
-        return decode_frame(record.sequence, protobuf, mask if isinstance(mask, CompressedImage) else None)
-    return decode(topic, protobuf)
+@contextmanager
+def _named(topic: str, record: Message) -> Iterator[None]:
+    """Errors about a message say which one."""
+    try:
+        yield
+    except (BadRecording, DecodeError) as error:
+        raise BadRecording(f"message {record.sequence} (topic {topic}, {record.log_time} ns): {error}") from error
 
 
 def _protobuf(topic: str, data: bytes) -> Protobuf:

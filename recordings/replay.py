@@ -15,13 +15,13 @@ from viewsep.engine.engine import Engine
 from viewsep.engine.state import EngineState
 from viewsep.errors import BadConfig, BadRecording, ReplayMismatch
 from viewsep.geometry import angle_between
-from viewsep.messages import Command, Estimate, Event, FloatArray, Frame, JointState, Percept, PerceptReceived, Result
+from viewsep.messages import Command, Estimate, Event, FloatArray, JointState, Percept, PerceptReceived, Result
 from viewsep.models import library
 from viewsep.models.aspect_graph import AspectGraph
 from viewsep.perception import perceive
 from viewsep.plugins import make_descriptor
 from viewsep.recordings.build import this_build
-from viewsep.recordings.codec import SCHEMAS, RecordedFrame, encode, to_bytes
+from viewsep.recordings.codec import SCHEMAS, encode, to_bytes
 from viewsep.recordings.difference import first_difference
 from viewsep.recordings.reader import Recorded, Recording
 
@@ -162,17 +162,15 @@ def verify_frames(recording: Recording) -> FrameCheck:
     config, _ = restore(recording)
     descriptor, geometry = make_descriptor(config.descriptor), geometry_of(config.rig)
     history = [r.message for r in recording.messages if isinstance(r.message, JointState)]
-    frame: Frame | None = None
+    frames = {frame.stamp_ns: frame for frame in recording.frames}
     similarities = []
     for recorded in recording.messages:
-        if isinstance(recorded.message, RecordedFrame):
-            frame = recorded.message.decode()
         if not isinstance(recorded.message, PerceptReceived):
             continue
         percept = recorded.message.percept
-        if frame is None or frame.stamp_ns != percept.stamp_ns:
+        if percept.stamp_ns not in frames:
             raise BadRecording(f"the picture of the percept at {percept.stamp_ns} ns is not in the recording")
-        again = perceive(frame, history, geometry, descriptor)
+        again = perceive(frames[percept.stamp_ns].decode(), history, geometry, descriptor)
         similarity = descriptor.similarity(again.feature, percept.feature[None])
         similarities.append(_compare_percepts(again, percept, similarity))
     if not similarities:

@@ -20,7 +20,7 @@ from mcap.writer import CompressionType, Writer
 from mcap_protobuf.schema import build_file_descriptor_set
 
 from viewsep.errors import BadInput
-from viewsep.messages import Frame, Message
+from viewsep.messages import Frame, HypothesisViews, Message
 from viewsep.recordings.codec import SCHEMAS, encode, encode_frame, serialise
 
 SESSION = "session"
@@ -101,6 +101,8 @@ class Recorder:
             raise RuntimeError("the recorder is not open")
         if not 0 <= stamp_ns < _STAMP_END_NS:
             raise BadInput(f"{self.path}: a message at {stamp_ns} ns cannot be recorded; give a monotonic stamp")
+        if isinstance(message, HypothesisViews):
+            return
         if isinstance(message, Frame):
             if not (0 <= message.sequence < _SEQUENCE_END and 0 <= message.stamp_ns < _STAMP_END_NS):
                 raise BadInput(f"{self.path}: frame {message.sequence} at {message.stamp_ns} ns is out of range")

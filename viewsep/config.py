@@ -173,6 +173,20 @@ class ServiceConfig(Section):
     resume_s: float = Field(default=10.0, ge=0, le=3600)
 
 
+class RecordingConfig(Section):
+    """How recordings are kept safe. A file is written to the disk every `sync_s`; a new one begins after `rotate_mb`
+    or `rotate_s` (0: never); recording ends in good order when less than `min_free_mb` of the disk are left. The
+    engine's state is kept every `keyframe_s` (0: never); pictures wait to be written in at most `queue_mb`.
+    """
+
+    sync_s: float = Field(default=0.5, ge=0.05, le=60)
+    rotate_mb: float = Field(default=1024.0, ge=0, le=1_000_000)
+    rotate_s: float = Field(default=0.0, ge=0, le=1_000_000)
+    min_free_mb: float = Field(default=200.0, ge=0, le=1_000_000)
+    keyframe_s: float = Field(default=5.0, ge=0, le=3600)
+    queue_mb: float = Field(default=64.0, ge=1, le=16_000)
+
+
 class Config(Section):
     """Everything that decides how viewsep behaves, apart from the seed and the models."""
 
@@ -185,6 +199,7 @@ class Config(Section):
     sim: SimConfig = SimConfig()
     service: ServiceConfig = ServiceConfig()
     dynamixel: DynamixelConfig = DynamixelConfig()
+    recording: RecordingConfig = RecordingConfig()
 
 
 def load_config(path: Path) -> Config:

@@ -10,7 +10,17 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
 
-from viewsep.messages import Array, Estimate, FloatArray, Frame, JointState, Message, Percept, Phase
+from viewsep.messages import (
+    Array,
+    Estimate,
+    FloatArray,
+    Frame,
+    HypothesisViews,
+    JointState,
+    Message,
+    Percept,
+    Phase,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -183,9 +193,15 @@ class Interpretation:
 class Interpreter(Protocol):
     """Turns percepts into a belief about candidates and poses. Pure: state in, state out.
 
-    Plug-in: entry-point group `viewsep.interpreters`, value is a class with an `options_type` (a dataclass) and a
-    constructor `(models, descriptor, options)`.
+    Plug-in: entry-point group `viewsep.interpreters`, value is a class with an `options_type` (a dataclass), a
+    `state_type` (the dataclass that is its state, of numbers, texts, arrays and dataclasses) and a constructor
+    `(models, descriptor, options)`.
     """
+
+    @property
+    def state_type(self) -> type:
+        """The dataclass of its states, so that they can be kept (`viewsep.engine.keyframe`)."""
+        ...
 
     def start(self) -> Any:
         """The state before the first percept."""
@@ -193,6 +209,10 @@ class Interpreter(Protocol):
 
     def update(self, state: Any, percept: Percept) -> tuple[Any, Interpretation]:
         """One iteration of the interpretation module. Does not change `state`."""
+        ...
+
+    def hypotheses(self, state: Any, stamp_ns: int) -> HypothesisViews:
+        """Where the hypotheses in `state` see the object from, for people to look at."""
         ...
 
 
@@ -213,9 +233,14 @@ class NextView:
 class Planner(Protocol):
     """Chooses the next view among the reachable ones. Pure: state in, state out.
 
-    Plug-in: entry-point group `viewsep.planners`, value is a class with an `options_type` (a dataclass) and a
-    constructor `(models, reachable, options)`.
+    Plug-in: entry-point group `viewsep.planners`, value is a class with an `options_type` (a dataclass), a
+    `state_type` (the dataclass that is its state) and a constructor `(models, reachable, options)`.
     """
+
+    @property
+    def state_type(self) -> type:
+        """The dataclass of its states, so that they can be kept (`viewsep.engine.keyframe`)."""
+        ...
 
     def start(self, seed: int, view_direction: FloatArray) -> tuple[Any, NextView]:
         """The state at the start of a task and the start view (None to start where the rig is)."""

@@ -237,4 +237,27 @@ class Result:
     comparisons: int
 
 
-Message = Frame | JointState | Event | Command | Estimate | Result
+@dataclass(frozen=True, eq=False, slots=True)
+class HypothesisViews:
+    """Where the interpreter's hypotheses see the object from, for people to look at; it decides nothing.
+
+    `candidates` are the names, `owner` (P,) the index of each hypothesis' candidate, `direction` (P, 3) the view
+    direction in the control frame that it believes in, `weight` (P,) its share among all of them, 0 to 1.
+    """
+
+    stamp_ns: int
+    candidates: tuple[str, ...]
+    owner: Array
+    direction: FloatArray
+    weight: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class Keyframe:
+    """All the engine knew after the event before, so that a replay can begin here; `state` is `Engine.save`'s."""
+
+    stamp_ns: int
+    state: bytes
+
+
+Message = Frame | JointState | Event | Command | Estimate | Result | HypothesisViews | Keyframe

@@ -199,4 +199,10 @@ def _rig_of(angles_deg: FloatArray, given: RigConfig, folder: str) -> RigConfig:
 def pace_of(config: Config) -> Pace:
     """The loop's rates and deadlines."""
     task = config.task
-    return Pace(1.0 / task.looks_per_s, task.frame_timeout_s, task.move_timeout_s, task.deadline_s)
+    return Pace(
+        1.0 / task.looks_per_s,
+        task.frame_timeout_s,
+        task.move_timeout_s,
+        task.deadline_s,
+        config.recording.keyframe_s,
+    )

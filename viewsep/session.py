@@ -20,6 +20,7 @@ from viewsep.messages import (
     Event,
     FrameMissing,
     JointState,
+    Keyframe,
     Message,
     MoveFailed,
     MoveSettled,
@@ -52,6 +53,7 @@ class Pace:
     frame_timeout_s: float = 1.0
     move_timeout_s: float = 15.0
     deadline_s: float = 600.0
+    keyframe_s: float = 5.0  # how often the engine's state is told, 0 for never
 
 
 @dataclass
@@ -81,6 +83,7 @@ class Session:
         self._cancelled = ""
         self._move: _Move | None = None
         self._heard_until_ns = -1
+        self._keyframe_due_ns = 0
 
     def __enter__(self) -> Session:
         try:
@@ -107,6 +110,7 @@ class Session:
         clock = self.rig.clock
         self.state = self.engine.start()
         self._move = None
+        self._keyframe_due_ns = 0
         start = self._newest_state()
         view = self.rig.geometry.view_direction(start.position_rad)
         try:
@@ -203,12 +207,23 @@ class Session:
         self.state, commands = self.engine.step(before, event)
         if self.state.estimate is not None and self.state.estimate is not before.estimate:
             self._tell(event.stamp_ns, self.state.estimate)
+            if self.state.interpretation is not before.interpretation:
+                hypotheses = self.engine.interpreter.hypotheses(self.state.interpretation, event.stamp_ns)
+                self._tell(event.stamp_ns, hypotheses)
         for command in commands:
             self._tell(event.stamp_ns, command)
         if self.state.result is not None and before.result is None:
             self._tell(event.stamp_ns, self.state.result)
+        self._keep_state(event.stamp_ns)
         for command in commands:
             self._carry_out(command)
+
+    def _keep_state(self, stamp_ns: int) -> None:
+        """Tell the engine's state when it is due, so that a replay can begin here; at the first event it is."""
+        due = stamp_ns >= self._keyframe_due_ns and self.state.result is None
+        if due and self.pace.keyframe_s > 0 and self.listeners:
+            self._keyframe_due_ns = stamp_ns + round(self.pace.keyframe_s * 1e9)
+            self._tell(stamp_ns, Keyframe(stamp_ns, self.engine.save(self.state)))
 
     def _carry_out(self, command: Command) -> None:
         now = self.rig.clock.now_ns()

@@ -206,6 +206,14 @@ class Rating(_message.Message):
     rating: float
     def __init__(self, name: _Optional[str] = ..., rating: _Optional[float] = ...) -> None: ...
 
+class Keyframe(_message.Message):
+    __slots__ = ("stamp_ns", "state")
+    STAMP_NS_FIELD_NUMBER: _ClassVar[int]
+    STATE_FIELD_NUMBER: _ClassVar[int]
+    stamp_ns: int
+    state: bytes
+    def __init__(self, stamp_ns: _Optional[int] = ..., state: _Optional[bytes] = ...) -> None: ...
+
 class Picture(_message.Message):
     __slots__ = ("stamp_ns", "sequence", "jpeg", "mask_png", "width", "height", "left", "top", "drops")
     STAMP_NS_FIELD_NUMBER: _ClassVar[int]

@@ -10,7 +10,7 @@ import pytest
 from processes import Serving, serving, split, until
 
 from viewsep.messages import JointState
-from viewsep.recordings.codec import RecordedFrame, to_bytes
+from viewsep.recordings.codec import to_bytes
 from viewsep.recordings.reader import read_recording
 from viewsep.recordings.replay import verify
 from viewsep.service.status import ResultStatus
@@ -26,7 +26,7 @@ def result_of(*services: Serving, seed: int) -> ResultStatus:
 def crossed(recording: Path) -> list[bytes]:
     """What the engine took and gave, in order."""
     messages = (recorded.message for recorded in read_recording(recording).messages)
-    return [to_bytes(message) for message in messages if not isinstance(message, RecordedFrame | JointState)]
+    return [to_bytes(message) for message in messages if not isinstance(message, JointState)]
 
 
 def test_two_processes_give_the_bytes_of_one(settings: Mapping[str, Any], tmp_path: Path) -> None:
@@ -51,8 +51,7 @@ def test_whatever_a_look_sends_the_object_is_found(settings: Mapping[str, Any], 
     assert found.recording is not None
     content = read_recording(Path(found.recording))
     verify(content)
-    pictures = [recorded for recorded in content.messages if isinstance(recorded.message, RecordedFrame)]
-    assert bool(pictures) == (send != "descriptor")
+    assert bool(content.frames) == (send != "descriptor")
 
 
 def test_the_order_of_starting_does_not_matter(settings: Mapping[str, Any], tmp_path: Path) -> None:

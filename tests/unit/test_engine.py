@@ -24,6 +24,7 @@ from viewsep.messages import (
     Event,
     FloatArray,
     FrameMissing,
+    HypothesisViews,
     MoveFailed,
     MoveSettled,
     MoveTo,
@@ -58,6 +59,7 @@ class ScriptedInterpreter:
 
     leaders: Sequence[int] = (-1,)
     fresh_at: tuple[int, ...] = ()
+    state_type: type = int
 
     def start(self) -> int:
         return 0
@@ -74,6 +76,9 @@ class ScriptedInterpreter:
         rotations = np.stack([rotation, rotation])
         return state + 1, Interpretation(estimate, rotations, True, np.ones(2, bool), leader, state in self.fresh_at)
 
+    def hypotheses(self, state: int, stamp_ns: int) -> HypothesisViews:
+        return HypothesisViews(stamp_ns, ("a", "b"), np.empty(0, int), np.empty((0, 3)), np.empty(0))
+
 
 @dataclass
 class ScriptedPlanner:
@@ -81,6 +86,7 @@ class ScriptedPlanner:
 
     first: NextView
     plans: Sequence[NextView]
+    state_type: type = int
 
     def start(self, seed: int, view_direction: FloatArray) -> tuple[int, NextView]:
         return 0, self.first

@@ -18,7 +18,7 @@ from mcap.writer import Writer
 from viewsep import messages as m
 from viewsep.errors import BadInput, BadRecording
 from viewsep.recordings import codec
-from viewsep.recordings.reader import RecordedMessage, read_recording
+from viewsep.recordings.reader import Recording, read_recording
 from viewsep.recordings.schemas import viewsep_pb2 as pb
 from viewsep.recordings.writer import Attachment, Recorder
 
@@ -48,17 +48,26 @@ def record(path: Path, heard: tuple[tuple[int, m.Message], ...] = HEARD) -> Path
     return path
 
 
-def content(message: m.Message | RecordedMessage) -> Any:
-    if isinstance(message, m.Frame):
-        return (message.stamp_ns, message.sequence, message.mask is None)
-    if isinstance(message, codec.RecordedFrame):
-        return (message.stamp_ns, message.sequence, message.mask_png is None)
-    return codec.to_bytes(message)
+def content(recording: Recording) -> tuple[Any, ...]:
+    """What a recording holds, so that it can be compared with `told`."""
+    return (
+        [(r.stamp_ns, codec.to_bytes(r.message)) for r in recording.messages],
+        [(frame.stamp_ns, frame.sequence, frame.mask_png is None) for frame in recording.frames],
+    )
+
+
+def told(heard: tuple[tuple[int, m.Message], ...]) -> tuple[Any, ...]:
+    """What a recording of `heard` must hold: messages in order, pictures in order."""
+    frames = [h for _, h in heard if isinstance(h, m.Frame)]
+    return (
+        [(t, codec.to_bytes(h)) for t, h in heard if not isinstance(h, m.Frame | m.HypothesisViews)],
+        [(frame.stamp_ns, frame.sequence, frame.mask is None) for frame in frames],
+    )
 
 
 def test_everything_comes_back_in_the_order_it_was_heard(tmp_path: Path) -> None:
     recording = read_recording(record(tmp_path / "a.mcap"))
-    assert [(r.stamp_ns, content(r.message)) for r in recording.messages] == [(t, content(h)) for t, h in HEARD]
+    assert content(recording) == told(HEARD)
     assert recording.attachments == {a.name: a.data for a in ATTACHMENTS}
     assert recording.metadata["versions"] == METADATA["versions"]
     assert not (tmp_path / "a.mcap.part").exists()
@@ -66,14 +75,12 @@ def test_everything_comes_back_in_the_order_it_was_heard(tmp_path: Path) -> None
 
 def test_raw_is_the_recorded_protobuf(tmp_path: Path) -> None:
     for recorded in read_recording(record(tmp_path / "a.mcap")).messages:
-        if not isinstance(recorded.message, codec.RecordedFrame):
-            assert recorded.raw == codec.to_bytes(recorded.message)
-            assert recorded.topic == codec.encode(recorded.message)[0]
+        assert recorded.raw == codec.to_bytes(recorded.message)
+        assert recorded.topic == codec.encode(recorded.message)[0]
 
 
 def test_frames_come_back_with_their_masks(tmp_path: Path) -> None:
-    messages = [r.message for r in read_recording(record(tmp_path / "a.mcap")).messages]
-    masked, bare = (f.decode() for f in messages if isinstance(f, codec.RecordedFrame))
+    masked, bare = (frame.decode() for frame in read_recording(record(tmp_path / "a.mcap")).frames)
     assert masked.image.shape == IMAGE.shape
     assert masked.mask is not None
     assert (masked.mask == MASK).all()
@@ -124,7 +131,7 @@ def test_order_holds_over_many_chunks(tmp_path: Path) -> None:
     noise = np.random.default_rng(1).integers(0, 256, (200, 300, 3), np.uint8)
     heard = tuple((1000 - i % 7, m.Frame(i, i, noise, None) if i % 2 else m.DeadlinePassed(i)) for i in range(80))
     recording = read_recording(record(tmp_path / "a.mcap", heard))
-    assert [content(r.message) for r in recording.messages] == [content(h) for _, h in heard]
+    assert content(recording) == told(heard)
     summary = make_reader(io.BytesIO((tmp_path / "a.mcap").read_bytes())).get_summary()
     assert summary is not None
     assert len(summary.chunk_indexes) > 2
@@ -284,7 +291,7 @@ def test_every_changed_byte_is_noticed(tmp_path: Path) -> None:
             with pytest.raises(BadRecording, match=r"a\.mcap: "):
                 read_recording(path)
             os.pwrite(file.fileno(), bytes([byte]), position)
-    assert len(read_recording(path).messages) == len(HEARD)
+    assert content(read_recording(path)) == told(HEARD)
 
 
 def test_every_truncation_and_extension_is_noticed(tmp_path: Path) -> None:
@@ -389,5 +396,5 @@ def test_a_mask_needs_its_own_picture(tmp_path: Path) -> None:
         one_message("camera/mask", "foxglove.CompressedImage", MASK_IMAGE)(writer)
         one_message("event", "viewsep.Event", codec.to_bytes(m.DeadlinePassed(0)))(writer)
 
-    with pytest.raises(BadRecording, match=r"message 1 .*mask of frame 0 is not followed"):
+    with pytest.raises(BadRecording, match="mask of frame 0 is not followed"):
         read_recording(foreign(tmp_path / "strange.mcap", write))

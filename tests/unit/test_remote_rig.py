@@ -21,7 +21,17 @@ from viewsep.assembly import make_engine
 from viewsep.config import CameraConfig, Config, DescriptorConfig, RigConfig, SimConfig, TaskConfig
 from viewsep.errors import BadConfig, LeaseLost, MoveRefused, NotConnected, RigError, RigLost, Timeout, UnreachableView
 from viewsep.learning import learn_objects, names_for
-from viewsep.messages import Frame, JointState, Message, MoveSettled, Outcome, PerceptReceived, Result, RigFailed
+from viewsep.messages import (
+    Frame,
+    HypothesisViews,
+    JointState,
+    Message,
+    MoveSettled,
+    Outcome,
+    PerceptReceived,
+    Result,
+    RigFailed,
+)
 from viewsep.models.aspect_graph import AspectGraph
 from viewsep.perception import RigPerception
 from viewsep.plugins import make_descriptor
@@ -67,7 +77,7 @@ class Notes:
         return sum(isinstance(message, kind) for message in self.heard)
 
     def bytes(self) -> list[bytes]:
-        return [to_bytes(message) for message in self.heard if not isinstance(message, Frame)]
+        return [to_bytes(message) for message in self.heard if not isinstance(message, Frame | HypothesisViews)]
 
 
 def run_remotely(remote: RemoteRig, notes: Notes, config: Config = CONFIG, send: Send = "descriptor") -> Result:

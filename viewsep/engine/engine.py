@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from viewsep.engine.keyframe import StateCodec
 from viewsep.engine.state import EngineState, TaskLimits
 from viewsep.engine.verdict import failure, identification, indecision
 from viewsep.geometry import angle_between
@@ -37,10 +38,19 @@ class Engine:
         self.interpreter = interpreter
         self.planner = planner
         self.limits = limits or TaskLimits()
+        self._codec = StateCodec(interpreter.state_type, planner.state_type)
 
     def start(self) -> EngineState:
         """Waiting for a task."""
         return EngineState()
+
+    def save(self, state: EngineState) -> bytes:
+        """`state` as bytes; equal states give equal bytes."""
+        return self._codec.to_bytes(state)
+
+    def restore(self, data: bytes) -> EngineState:
+        """The state `data` was saved from. Raises BadInput when it is of another interpreter or planner."""
+        return self._codec.from_bytes(data)
 
     def step(self, state: EngineState, event: Event) -> Step:
         """Take one event. Events after the result, or that belong to an abandoned move, change nothing."""

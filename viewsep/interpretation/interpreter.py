@@ -23,7 +23,16 @@ from viewsep.interpretation.hypotheses import (
 )
 from viewsep.interpretation.rating import accumulated_similarity, best_per_candidate, mean_position, path_course
 from viewsep.interpretation.transformation import align_start_and_end, align_whole_path, arc_end
-from viewsep.messages import Array, BoolArray, CandidateEstimate, Estimate, FloatArray, Percept, Phase
+from viewsep.messages import (
+    Array,
+    BoolArray,
+    CandidateEstimate,
+    Estimate,
+    FloatArray,
+    HypothesisViews,
+    Percept,
+    Phase,
+)
 from viewsep.models.aspect_graph import AspectGraph
 
 Variant = Literal["initial", "particles", "loop_free", "accumulated"]
@@ -92,6 +101,7 @@ class PathInterpreter:
     """Path hypotheses on the view spheres of all candidates (Algorithm 1 and its three refinements)."""
 
     options_type = PathOptions
+    state_type = PathState
 
     def __init__(
         self, models: Sequence[AspectGraph], descriptor: Descriptor, options: PathOptions | None = None
@@ -128,6 +138,15 @@ class PathInterpreter:
         converged = self._converged(state.converged, variance)
         after = PathState(controlled, hypotheses, best_similarity, recent, converged)
         return after, self._interpret(after, variance, hypotheses, percept.stamp_ns, comparisons)
+
+    def hypotheses(self, state: PathState, stamp_ns: int) -> HypothesisViews:
+        """The ends of all paths in the control frame; a path weighs as much as its place in the queues is good."""
+        paths, names = state.hypotheses, tuple(self.candidates.names)
+        if paths is None:
+            return HypothesisViews(stamp_ns, names, np.empty(0, np.int64), np.empty((0, 3)), np.empty(0))
+        ends = np.einsum("pij,pj->pi", paths.rotation, self.candidates.directions[paths.hits[:, -1]])
+        weight = 1.0 / paths.rating
+        return HypothesisViews(stamp_ns, names, self.owner(paths), ends, weight / weight.sum())
 
     def owner(self, hypotheses: Hypotheses) -> Array:
         """(P,) index of the candidate each hypothesis belongs to."""

@@ -47,6 +47,7 @@ class SeparatingViewPlanner:
     """Explores, then approaches the view where the plausible candidates differ most, then the next best one."""
 
     options_type = SeparatingOptions
+    state_type = PlannerState
 
     def __init__(
         self, models: Sequence[AspectGraph], reachable: ReachableViews, options: SeparatingOptions | None = None

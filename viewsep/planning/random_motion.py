@@ -35,6 +35,7 @@ class RandomPlanner:
     """Drives to one random reachable view after the other; once the poses have converged it is judged at each."""
 
     options_type = RandomOptions
+    state_type = RandomState
 
     def __init__(
         self, models: Sequence[AspectGraph], reachable: ReachableViews, options: RandomOptions | None = None

@@ -63,7 +63,7 @@ class _Story:
     plans: list[Interpretation]
     end: EngineState | None
     recorded: Result | None
-    frames: list[RecordedFrame]
+    frames: tuple[RecordedFrame, ...]
 
     @property
     def controlled(self) -> FloatArray:
@@ -151,9 +151,10 @@ def _retell(recording: Recording) -> _Story:
             plans.append(end.belief)
     interpreter = make_engine(config, models).interpreter
     views = np.array(targets).reshape(-1, 3)
-    frames = [r.message for r in recording.messages if isinstance(r.message, RecordedFrame)]
     recorded = next((r.message for r in recording.messages if isinstance(r.message, Result)), None)
-    return _Story(config, models, interpreter, recording.metadata["task"], looks, views, plans, end, recorded, frames)
+    return _Story(
+        config, models, interpreter, recording.metadata["task"], looks, views, plans, end, recorded, recording.frames
+    )
 
 
 def _headline(figure: Figure, story: _Story) -> None:

@@ -11,7 +11,7 @@ import zenoh
 from foxglove_schemas_protobuf.Log_pb2 import Log
 from google.protobuf.timestamp_pb2 import Timestamp
 
-from viewsep.messages import Frame, Message
+from viewsep.messages import Frame, HypothesisViews, Keyframe, Message
 from viewsep.recordings.codec import IMAGE_TOPIC, encode, encode_picture, serialise
 from viewsep.service.names import LOG, Keys, attachment, encoding
 
@@ -41,6 +41,8 @@ class Streams:
         if isinstance(message, Frame):
             if IMAGE_TOPIC in self._publishers and _watched(self._publishers[IMAGE_TOPIC]):
                 self.put(IMAGE_TOPIC, stamp_ns, serialise(encode_picture(message)))
+            return
+        if isinstance(message, HypothesisViews | Keyframe):
             return
         topic, protobuf = encode(message)
         if topic in self._publishers:
