@@ -29,6 +29,7 @@ nothing and is only shown."""
 
 IMAGE_TOPIC = "camera/image"
 MASK_TOPIC = "camera/mask"
+PICTURES = (IMAGE_TOPIC, MASK_TOPIC)
 
 SCHEMAS: Mapping[str, type[Protobuf]] = {
     IMAGE_TOPIC: CompressedImage,

@@ -27,9 +27,16 @@ from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import MCAP0_MAGIC
 
 from viewsep.errors import BadRecording
-from viewsep.recordings.codec import IMAGE_TOPIC, MASK_TOPIC, SCHEMAS, Recordable, RecordedFrame, decode, decode_frame
-
-PICTURES = (IMAGE_TOPIC, MASK_TOPIC)
+from viewsep.recordings.codec import (
+    IMAGE_TOPIC,
+    MASK_TOPIC,
+    PICTURES,
+    SCHEMAS,
+    Recordable,
+    RecordedFrame,
+    decode,
+    decode_frame,
+)
 
 _RECORD = struct.Struct("<BQ")  # opcode, length
 _DATA_END = struct.Struct("<BQI")  # opcode, length, CRC of everything before

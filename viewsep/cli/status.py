@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Annotated, Any
 
 import typer
@@ -10,9 +11,11 @@ from rich.console import Group, RenderableType
 from rich.live import Live
 
 from viewsep.cli.console import print_json, print_json_line, results
+from viewsep.cli.exit_codes import EXIT_INTERRUPTED
 from viewsep.cli.service_options import AnswerTimeout, Certificate, Connect, Json, KeysFolder, Rig, make_client
 from viewsep.cli.status_tables import tables
 from viewsep.client import Client
+from viewsep.service.ending import Ending
 from viewsep.service.status import Status
 
 REFRESH_S = 0.5
@@ -52,18 +55,24 @@ def status(
 
 def _go_on(client: Client, json: bool) -> None:
     """Updates until Ctrl-C or until nobody answers."""
-    if json or not results.is_terminal:
-        while True:
-            said = client.status()
-            if json:
-                print_json_line(_as_json(said))
-            else:
-                results.print(_drawn(said))
-            time.sleep(REFRESH_S)
-    with Live(_drawn(client.status()), console=results, auto_refresh=False) as live:
-        while True:
-            time.sleep(REFRESH_S)
-            live.update(_drawn(client.status()), refresh=True)
+    ending = Ending()
+    with ending.while_on_signals(), _shown(json) as show:
+        show(client.status())
+        while not ending.wait(REFRESH_S):
+            show(client.status())
+    raise typer.Exit(EXIT_INTERRUPTED)
+
+
+@contextmanager
+def _shown(json: bool) -> Iterator[Callable[[Status], None]]:
+    """Where updates go: JSON lines, one table after the other, or on a terminal one that changes."""
+    if json:
+        yield lambda said: print_json_line(_as_json(said))
+    elif not results.is_terminal:
+        yield lambda said: results.print(_drawn(said))
+    else:
+        with Live(console=results, auto_refresh=False) as live:
+            yield lambda said: live.update(_drawn(said), refresh=True)
 
 
 def _as_json(said: Status) -> dict[str, Any]:

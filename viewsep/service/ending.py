@@ -1,9 +1,12 @@
-"""Where a serving process waits for its end."""
+"""Where a process that goes on and on waits for its end."""
 
 from __future__ import annotations
 
+import math
 import signal
-from contextlib import suppress
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from queue import Empty, SimpleQueue
 
 from viewsep.errors import ViewsepError
@@ -29,11 +32,30 @@ class Ending:
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, lambda _number, _frame: self.ask())
 
-    def wait(self) -> None:
-        """Return when the end was asked for. Raises ViewsepError when an error was the reason."""
+    @contextmanager
+    def while_on_signals(self) -> Iterator[None]:
+        """The same for a while: afterwards signals do what they did before."""
+        before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+        self.on_signals()
+        try:
+            yield
+        finally:
+            for number, handler in before.items():
+                signal.signal(number, handler)
+
+    def wait(self, timeout_s: float = math.inf) -> bool:
+        """Return True when the end was asked for, False after `timeout_s`.
+
+        Raises ViewsepError when an error was the reason.
+        """
+        deadline = time.monotonic() + timeout_s
         while True:
+            left_s = deadline - time.monotonic()
             with suppress(Empty):
-                error = self._asked.get(timeout=POLL_S)
+                error = self._asked.get(timeout=max(0.0, min(left_s, POLL_S)))
                 break
+            if left_s <= 0:
+                return False
         if error is not None:
             raise ViewsepError(f"ended by a bug, {type(error).__name__}: {error}; the log says more") from error
+        return True
