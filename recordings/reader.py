@@ -1,4 +1,4 @@
-"""Reads a recording back, in file order, and notices any changed byte.
+"""Reads a recording back, in the order it was heard, and notices any changed byte.
 
 Every byte of a recording stands under a CRC32: the data section under the one in its DataEnd record, the summary and
 the footer under the one in the footer. mcap's readers check the first only on request and the second never, so both
@@ -15,15 +15,12 @@ from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
 
-import zstandard
 from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from google.protobuf.message import DecodeError
 from google.protobuf.message import Message as Protobuf
-from mcap.data_stream import ReadDataStream
-from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Attachment, Channel, Chunk, Message, Metadata, Schema
-from mcap.stream_reader import StreamReader, breakup_chunk
+from mcap.records import Attachment, Channel, Message, Metadata, Schema
+from mcap.stream_reader import StreamReader
 from mcap.writer import MCAP0_MAGIC
 
 from viewsep.errors import BadRecording
@@ -37,11 +34,13 @@ from viewsep.recordings.codec import (
     decode,
     decode_frame,
 )
+from viewsep.recordings.scan import PARSE_ERRORS, RECORD, Damage, scan
+from viewsep.recordings.version import VERSION
 
-_RECORD = struct.Struct("<BQ")  # opcode, length
+RECOVER = "`viewsep recordings recover` saves what is left"
+
 _DATA_END = struct.Struct("<BQI")  # opcode, length, CRC of everything before
 _FOOTER = struct.Struct("<BQQQI")  # opcode, length, summary start, summary offset start, CRC of summary and footer
-_PARSE_ERRORS = (McapError, DecodeError, zstandard.ZstdError, struct.error, ValueError)
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,36 +58,44 @@ class Recording:
     """A whole recording: metadata records by name, attachments' bytes by name, messages in the order they were heard.
 
     `frames` are the pictures, still compressed, in their own order; a percept belongs to the frame with its stamp.
+    `gaps` are the places in `messages` before which some are missing: they were lost with a damaged part of the file,
+    or stand in the file before.
     """
 
     metadata: dict[str, dict[str, str]]
     attachments: dict[str, bytes]
     messages: tuple[Recorded, ...]
     frames: tuple[RecordedFrame, ...]
+    gaps: frozenset[int] = frozenset()
 
 
 def read_recording(path: Path) -> Recording:
     """Everything in the recording at `path`.
 
-    Raises BadRecording when the file is missing, is not MCAP, is truncated or changed in any byte, or holds a topic,
-    schema, kind of event or field that this version does not know.
+    Topics of others are left out. Raises BadRecording when the file is missing, is not MCAP, is truncated or changed in
+    any byte, was made by a newer version, or holds a schema, kind of event or field that this version does not know.
     """
+    data = read_bytes(path)
     try:
-        data = path.read_bytes()
+        check_bytes(data)
+        return _parse(data)
+    except BadRecording as error:
+        raise BadRecording(f"{path}: {error}") from error
+    except (*PARSE_ERRORS, DecodeError) as error:
+        raise BadRecording(f"{path}: its records make no sense ({error}); it was not written by viewsep") from error
+
+
+def read_bytes(path: Path) -> bytes:
+    """The file's bytes. Raises BadRecording."""
+    try:
+        return path.read_bytes()
     except FileNotFoundError as error:
         raise BadRecording(f"{path}: no such file; check the name") from error
     except OSError as error:
         raise BadRecording(f"{path}: cannot be read ({error.strerror}); give a recording's file") from error
-    try:
-        _check_bytes(data)
-        return _parse(data)
-    except BadRecording as error:
-        raise BadRecording(f"{path}: {error}") from error
-    except _PARSE_ERRORS as error:
-        raise BadRecording(f"{path}: its records make no sense ({error}); it was not written by viewsep") from error
 
 
-def _check_bytes(data: bytes) -> None:
+def check_bytes(data: bytes) -> None:
     """Raise BadRecording unless magics, DataEnd and footer stand where they belong and every byte matches its CRC."""
     if not data:
         raise BadRecording("is empty; record again")
@@ -96,57 +103,38 @@ def _check_bytes(data: bytes) -> None:
         raise BadRecording(f"does not start as an MCAP file (first bytes {data[:8].hex()}); give a recording")
     footer_start = len(data) - len(MCAP0_MAGIC) - _FOOTER.size
     if footer_start < len(MCAP0_MAGIC) or not data.endswith(MCAP0_MAGIC):
-        raise BadRecording(f"does not end as an MCAP file after {len(data)} bytes: truncated; take a whole copy")
+        raise BadRecording(f"does not end as an MCAP file after {len(data)} bytes: truncated; {RECOVER}")
     opcode, length, summary_start, _, summary_crc = _FOOTER.unpack_from(data, footer_start)
-    if (opcode, length) != (Opcode.FOOTER, _FOOTER.size - _RECORD.size):
-        raise BadRecording(f"has no footer at byte {footer_start}: damaged; take a whole copy")
+    if (opcode, length) != (Opcode.FOOTER, _FOOTER.size - RECORD.size):
+        raise BadRecording(f"has no footer at byte {footer_start}: damaged; {RECOVER}")
     data_end = summary_start - _DATA_END.size
     summary = memoryview(data)[summary_start : footer_start + _FOOTER.size - 4]
     if summary_start > footer_start or data_end < 0 or zlib.crc32(summary) != summary_crc:
-        raise BadRecording(f"its summary and footer up to byte {len(data)} do not match their CRC; take a whole copy")
+        raise BadRecording(f"its summary and footer up to byte {len(data)} do not match their CRC; {RECOVER}")
     opcode, length, data_crc = _DATA_END.unpack_from(data, data_end)
-    if (opcode, length) != (Opcode.DATA_END, _DATA_END.size - _RECORD.size):
-        raise BadRecording(f"its data section does not end at byte {data_end}: damaged; take a whole copy")
-    if zlib.crc32(memoryview(data)[:data_end]) != data_crc:
-        if data_crc == 0:
-            raise BadRecording("carries no CRC of its data section: rewritten by another tool; give the original file")
-        raise BadRecording(f"{_damaged_part(data, data_end)} does not match its CRC; take a whole copy")
+    if (opcode, length) != (Opcode.DATA_END, _DATA_END.size - RECORD.size):
+        raise BadRecording(f"its data section does not end at byte {data_end}: damaged; {RECOVER}")
+    checked_whole = data_crc != 0  # tools that rewrite recordings leave it out: then the chunks' own must do
+    if checked_whole and zlib.crc32(memoryview(data)[:data_end]) != data_crc:
+        what = _damaged_part(data, data_end) or f"its data section (bytes 0 to {data_end})"
+        raise BadRecording(f"{what} does not match its CRC; {RECOVER}")
+    if not checked_whole and _damaged_part(data, data_end):
+        raise BadRecording(f"{_damaged_part(data, data_end)} does not match its CRC; {RECOVER}")
 
 
 def _damaged_part(data: bytes, data_end: int) -> str:
-    """The first record of the damaged data section whose own CRC fails, for the message."""
-    position = len(MCAP0_MAGIC)
-    while position + _RECORD.size <= data_end:
-        opcode, length = _RECORD.unpack_from(data, position)
-        end = position + _RECORD.size + length
-        if end > data_end:
-            break
-        record = data[position:end]
-        if opcode == Opcode.CHUNK and not _chunk_is_sound(record):
-            return f"its chunk at byte {position}"
-        if opcode == Opcode.ATTACHMENT and not _attachment_is_sound(record):
-            return f"its attachment at byte {position}"
-        position = end
-    return f"its data section (bytes 0 to {data_end})"
-
-
-def _chunk_is_sound(record: bytes) -> bool:
-    try:
-        breakup_chunk(Chunk.read(ReadDataStream(BytesIO(record[_RECORD.size :]))), validate_crc=True)
-    except (*_PARSE_ERRORS, MemoryError, OverflowError):
-        return False
-    return True
-
-
-def _attachment_is_sound(record: bytes) -> bool:
-    return zlib.crc32(record[_RECORD.size : -4]) == int.from_bytes(record[-4:], "little")
+    """The first record of the data section that is not sound, for the message; empty when all are."""
+    for piece in scan(memoryview(data)[:data_end]):
+        if isinstance(piece, Damage):
+            return f"its {piece.what} at byte {piece.start}"
+    return ""
 
 
 def _parse(data: bytes) -> Recording:
     metadata: dict[str, dict[str, str]] = {}
     attachments: dict[str, bytes] = {}
     schemas: dict[int, Schema] = {}
-    topics: dict[int, str] = {}
+    channels: dict[int, Channel] = {}
     messages: list[tuple[str, Message]] = []
     for record in StreamReader(BytesIO(data), validate_crcs=True).records:
         match record:
@@ -157,27 +145,40 @@ def _parse(data: bytes) -> Recording:
             case Schema(id=number):
                 schemas[number] = record
             case Channel(id=number):
-                topics[number] = _checked_topic(record, schemas.get(record.schema_id))
+                _check_channel(record, schemas.get(record.schema_id))
+                channels[number] = record
             case Message(channel_id=number):
-                if number not in topics:
+                if number not in channels:
                     raise BadRecording(f"a message at {record.log_time} ns is on channel {number}, which is not there")
-                messages.append((topics[number], record))
+                messages.append((channels[number].topic, record))
+    counted = _check_version(metadata.get("session", {})) >= 2
     pictures = [row for row in messages if row[0] in PICTURES]
-    others = [row for row in messages if row[0] not in PICTURES]
-    return Recording(metadata, attachments, tuple(_decoded(others)), tuple(_frames(pictures)))
+    others = [row for row in messages if row[0] in SCHEMAS and row[0] not in PICTURES]
+    if counted:  # the order they were heard in, whatever order a tool has put them in since
+        others.sort(key=lambda row: row[1].sequence)
+    numbers = [-1, *(record.sequence for _, record in others)]
+    gaps = frozenset(place for place in range(len(others)) if counted and numbers[place + 1] != numbers[place] + 1)
+    return Recording(metadata, attachments, tuple(_decoded(others)), tuple(_frames(pictures)), gaps)
 
 
-def _checked_topic(channel: Channel, schema: Schema | None) -> str:
-    """The channel's topic, if it is one of ours and carries its schema."""
+def _check_version(session: dict[str, str]) -> int:
+    """The version of the layout. Raises BadRecording when it is newer than this one."""
+    version = int(session.get("version", "1"))
+    if version > VERSION:
+        raise BadRecording(f"is of layout {version}, this viewsep reads up to {VERSION}: update viewsep")
+    return version
+
+
+def _check_channel(channel: Channel, schema: Schema | None) -> None:
+    """Raise BadRecording unless the channel is not ours or carries our schema."""
     expected = SCHEMAS.get(channel.topic)
     if expected is None:
-        raise BadRecording(f"topic {channel.topic!r} is unknown to this version; update viewsep")
+        return
     name = expected.DESCRIPTOR.full_name
     if schema is None:
         raise BadRecording(f"topic {channel.topic!r} has no schema, {name} is needed; record again")
     if (schema.name, schema.encoding, channel.message_encoding) != (name, "protobuf", "protobuf"):
         raise BadRecording(f"topic {channel.topic!r} holds {schema.name} ({schema.encoding}), not {name}; record again")
-    return channel.topic
 
 
 def _decoded(records: Iterable[tuple[str, Message]]) -> Iterator[Recorded]:

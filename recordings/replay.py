@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections import deque
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -15,15 +15,27 @@ from viewsep.engine.engine import Engine
 from viewsep.engine.state import EngineState
 from viewsep.errors import BadConfig, BadRecording, ReplayMismatch
 from viewsep.geometry import angle_between
-from viewsep.messages import Command, Estimate, Event, FloatArray, JointState, Percept, PerceptReceived, Result
+from viewsep.messages import (
+    Command,
+    Estimate,
+    Event,
+    FloatArray,
+    JointState,
+    Keyframe,
+    Percept,
+    PerceptReceived,
+    Result,
+    TaskStarted,
+)
 from viewsep.models import library
 from viewsep.models.aspect_graph import AspectGraph
 from viewsep.perception import perceive
 from viewsep.plugins import make_descriptor
 from viewsep.recordings.build import this_build
-from viewsep.recordings.codec import SCHEMAS, encode, to_bytes
+from viewsep.recordings.codec import SCHEMAS, Recordable, encode, to_bytes
 from viewsep.recordings.difference import first_difference
 from viewsep.recordings.reader import Recorded, Recording
+from viewsep.recordings.version import RECOVERY
 
 FLOAT_TOLERANCE = 1e-6  # relative, between processors or numpy builds
 FEATURE_TOLERANCE = 0.85  # similarity of a percept from the JPEG to the recorded one
@@ -42,11 +54,18 @@ class Replayed:
 
 @dataclass(frozen=True, slots=True)
 class Verification:
-    """What a replay confirmed. `exact` is False when floats differed within FLOAT_TOLERANCE on another build."""
+    """What a replay confirmed. `exact` is False when floats differed within FLOAT_TOLERANCE on another build.
+
+    `keyframes` counts those that were reached with the recorded state, `gaps` the places where messages are missing,
+    `skipped` the messages that could not be compared: before the start, and from a gap to the next keyframe.
+    """
 
     events: int
     outputs: int
     exact: bool
+    keyframes: int = 0
+    gaps: int = 0
+    skipped: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,36 +111,89 @@ def use_models(recording: Recording, models: Sequence[AspectGraph]) -> None:
 
 
 def replay(recording: Recording) -> Iterator[Replayed]:
-    """Run the engine over the recorded events."""
-    engine = make_engine(*restore(recording))
-    state = engine.start()
-    for recorded in recording.messages:
-        if isinstance(recorded.message, Event):
-            replayed = _step(engine, state, recorded.message)
-            state = replayed.state
+    """Run the engine over the recorded events; after a gap from the next place on where its state is known."""
+    replaying = Replaying(make_engine(*restore(recording)))
+    for place, recorded in enumerate(recording.messages):
+        if place in recording.gaps:
+            replaying.lose()
+        replayed = replaying.take(recorded.message)
+        if replayed is not None:
             yield replayed
 
 
+class Replaying:
+    """The engine fed with recorded messages. `state` is None where it is not known: after a gap, until a keyframe."""
+
+    def __init__(self, engine: Engine) -> None:
+        self.engine = engine
+        self.state: EngineState | None = engine.start()
+
+    def lose(self) -> None:
+        """Messages are missing here."""
+        self.state = None
+
+    def take(self, message: Recordable) -> Replayed | None:
+        """Feed a message; what came of it if it is an event and the state is known."""
+        if isinstance(message, Keyframe) and self.state is None:
+            self.state = self.engine.restore(message.state)
+        if isinstance(message, TaskStarted) and self.state is None:
+            self.state = self.engine.start()
+        if self.state is None or not isinstance(message, Event):
+            return None
+        replayed = _step(self.engine, self.state, message)
+        self.state = replayed.state
+        return replayed
+
+
+def start_at(recording: Recording, stamp_ns: int) -> Recording:
+    """The recording from the last keyframe on that is not later than `stamp_ns`.
+
+    Raises BadRecording when there is none.
+    """
+    places = [
+        place
+        for place, recorded in enumerate(recording.messages)
+        if isinstance(recorded.message, Keyframe) and recorded.stamp_ns <= stamp_ns
+    ]
+    if not places:
+        first = next((r.stamp_ns for r in recording.messages if isinstance(r.message, Keyframe)), None)
+        known = "it has none" if first is None else f"its first is at {first} ns"
+        raise BadRecording(f"no keyframe at or before {stamp_ns} ns ({known}): replay from the beginning")
+    begin = places[-1]
+    gaps = {0, *(gap - begin for gap in recording.gaps if gap > begin)}
+    return replace(recording, messages=recording.messages[begin:], gaps=frozenset(gaps))
+
+
 def verify(recording: Recording) -> Verification:
-    """Replay and compare every estimate, command and result byte for byte, and which event it followed.
+    """Replay and compare every estimate, command, result and keyframe byte for byte, and which event it followed.
 
     Raises ReplayMismatch at the first difference. On another build or processor than the recording's, floats may
-    differ by FLOAT_TOLERANCE; decisions may not.
+    differ by FLOAT_TOLERANCE; decisions may not. What a gap leaves without its beginning is skipped and counted.
     """
-    engine = make_engine(*restore(recording))
-    state = engine.start()
-    tolerance = 0.0 if recording.metadata.get("build") == this_build() else FLOAT_TOLERANCE
+    replaying = Replaying(make_engine(*restore(recording)))
+    same_build = recording.metadata.get("build") == this_build()
+    tolerance = 0.0 if same_build else FLOAT_TOLERANCE
     expected: deque[Output] = deque()
-    events = outputs = 0
+    events = outputs = keyframes = skipped = 0
     exact = True
-    for recorded in recording.messages:
-        if isinstance(recorded.message, Event):
-            _nothing_left(expected, f"before the event at {recorded.stamp_ns} ns")
-            replayed = _step(engine, state, recorded.message)
-            state = replayed.state
+    for place, recorded in enumerate(recording.messages):
+        message = recorded.message
+        if place in recording.gaps:
+            replaying.lose()
+            expected.clear()
+        if replaying.state is not None and isinstance(message, Event | Keyframe):
+            _nothing_left(expected, f"before {recorded.topic} at {recorded.stamp_ns} ns")
+        if replaying.state is not None and isinstance(message, Keyframe):
+            keyframes += 1
+            if same_build and replaying.engine.save(replaying.state) != message.state:
+                raise ReplayMismatch(f"the engine's state at {recorded.stamp_ns} ns is not the recorded one")
+        replayed = replaying.take(message)
+        if replayed is not None:
             expected.extend(replayed.outputs)
             events += 1
-        elif isinstance(recorded.message, Output):
+        elif replaying.state is None:
+            skipped += 1
+        elif isinstance(message, Output):
             if not expected:
                 raise ReplayMismatch(
                     f"the recording has {recorded.topic} at {recorded.stamp_ns} ns, which the engine did not put out"
@@ -131,10 +203,11 @@ def verify(recording: Recording) -> Verification:
             if to_bytes(output) != recorded.raw:
                 exact = False
                 _compare(recorded, output, tolerance)
-    _nothing_left(expected, "at the end of the recording")
+    if RECOVERY not in recording.metadata:  # what was saved may end anywhere
+        _nothing_left(expected, "at the end of the recording")
     if events == 0:
-        raise BadRecording("the recording holds no events: nothing to replay")
-    return Verification(events, outputs, exact)
+        raise BadRecording("the recording holds no events that can be replayed: nothing to verify")
+    return Verification(events, outputs, exact, keyframes, len(recording.gaps), skipped)
 
 
 def _step(engine: Engine, before: EngineState, event: Event) -> Replayed:

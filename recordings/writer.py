@@ -19,12 +19,10 @@ from viewsep.messages import Frame, HypothesisViews, Keyframe, Message
 from viewsep.recordings.codec import MASK_TOPIC, PICTURES, encode, encode_frame, serialise
 from viewsep.recordings.container import Container
 from viewsep.recordings.part_file import PartFile
+from viewsep.recordings.version import VERSION
 
 SESSION = "session"
 """The metadata record with the wall-clock anchor; the recorder adds its keys to those the caller gives."""
-VERSION = "2"
-"""Of the layout, in the session's record. 1 (no entry): one order for everything, no keyframes, messages counted per
-topic. 2: pictures in chunks of their own, all other messages of ours counted together, keyframes, standard messages."""
 
 _STAMP_END_NS = 2**63
 _SEQUENCE_END = 2**32
@@ -206,7 +204,7 @@ class Recorder:
         self._channels: dict[str, int] = {}
         self._session = {
             **self._metadata.get(SESSION, {}),
-            "version": VERSION,
+            "version": str(VERSION),
             "opened_unix_ns": str(self._opened_unix_ns),
             "part": str(len(self.paths)),
         }
