@@ -9,7 +9,7 @@ from __future__ import annotations
 import struct
 import zlib
 from collections import defaultdict
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import BinaryIO, Protocol
 
@@ -143,7 +143,7 @@ class Container:
         self.copy_channel(known, channel, compressed=compressed)
         return channel.id
 
-    def copy_channel(self, schema: Schema, channel: Channel, *, compressed: bool = True) -> None:
+    def copy_channel(self, schema: Schema, channel: Channel, *, compressed: bool) -> None:
         """A channel as it stood in another file."""
         new = [] if schema.name in self._schemas else [schema]
         self._put(record_bytes(*new, channel))
@@ -151,16 +151,14 @@ class Container:
         self._channels[channel.id] = channel
         self._compression[channel.id] = ZSTD if compressed else PLAIN
 
-    def add_message(
-        self, channel: int, stamp_ns: int, sequence: int, data: bytes, *, goes_with_next: bool = False
-    ) -> None:
+    def add_message(self, message: Message, *, goes_with_next: bool = False) -> None:
         """A message; it is on the disk after `close_chunks` or when its chunk is full.
 
         One that goes with the next one of its kind is never in another chunk than that.
         """
-        compression = self._compression[channel]
+        compression = self._compression[message.channel_id]
         chunk = self._open.setdefault(compression, _OpenChunk(compression))
-        chunk.add(Message(channel, stamp_ns, data, stamp_ns, sequence))
+        chunk.add(message)
         if chunk.size >= CHUNK_BYTES and not goes_with_next:
             self._close_chunk(compression)
 
@@ -169,13 +167,6 @@ class Container:
         for compression in list(self._open):
             self._close_chunk(compression)
         self._file.flush()
-
-    def copy_chunk(self, chunk: Chunk, messages: Iterable[tuple[Message, int]]) -> None:
-        """A chunk as it stood in another file; `messages` are those in it with their place in its records."""
-        index: dict[int, list[tuple[int, int]]] = defaultdict(list)
-        for message, offset in messages:
-            index[message.channel_id].append((message.log_time, offset))
-        self._write_chunk(chunk, index)
 
     def finish(self) -> None:
         """Complete the file with index, statistics and checksums, and flush; the file stays open."""
@@ -220,16 +211,14 @@ class Container:
         )
 
     def _close_chunk(self, compression: str) -> None:
-        open_chunk = self._open.pop(compression)
-        self._write_chunk(open_chunk.close(), open_chunk.index)
-
-    def _write_chunk(self, chunk: Chunk, index: Mapping[int, list[tuple[int, int]]]) -> None:
         """The chunk and its message indexes in one go."""
+        open_chunk = self._open.pop(compression)
+        chunk = open_chunk.close()
         start = self.written
         data = record_bytes(chunk)
         offsets, length = {}, len(data)
         parts = [data]
-        for channel, records in index.items():
+        for channel, records in open_chunk.index.items():
             part = record_bytes(MessageIndex(channel_id=channel, records=records))
             offsets[channel] = start + length
             length += len(part)

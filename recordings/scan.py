@@ -18,7 +18,7 @@ from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Chunk, DataEnd, Header, McapRecord, MessageIndex, Metadata, Schema
-from mcap.stream_reader import get_chunk_data_stream
+from mcap.stream_reader import breakup_chunk
 from mcap.writer import MCAP0_MAGIC
 
 RECORD = struct.Struct("<BQ")  # opcode, length
@@ -40,12 +40,11 @@ _MAY_BEGIN = re.compile(b"[" + re.escape(bytes(_KINDS)) + rb"].{4}\x00{4}", re.D
 
 @dataclass(frozen=True, slots=True)
 class Sound:
-    """A record that can be used, at bytes `start` to `end`. Of a chunk, `records` are its bytes uncompressed."""
+    """A record that can be used, at bytes `start` to `end`."""
 
     start: int
     end: int
     record: McapRecord
-    records: bytes = b""
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,7 +78,7 @@ def _record_at(view: memoryview, start: int) -> Sound | None:
     try:
         record = _parse(opcode, body)
         if isinstance(record, Chunk):
-            return Sound(start, end, record, _uncompressed(record))
+            breakup_chunk(record, validate_crc=True)
         if isinstance(record, Attachment) and zlib.crc32(body[:-4]) != int.from_bytes(body[-4:], "little"):
             return None
     except PARSE_ERRORS:
@@ -102,11 +101,6 @@ def _parse(opcode: int, body: bytes) -> McapRecord:
     if stream.count != len(body):
         raise ValueError("it is longer than what is in it")
     return record
-
-
-def _uncompressed(chunk: Chunk) -> bytes:
-    stream, length = get_chunk_data_stream(chunk, validate_crc=True)
-    return stream.read(length)
 
 
 def _damage_at(view: memoryview, start: int) -> Damage:

@@ -11,6 +11,7 @@ from types import TracebackType
 from typing import Protocol, Self
 
 from google.protobuf.message import Message as Protobuf
+from mcap.records import Message as McapMessage
 from mcap_protobuf.schema import build_file_descriptor_set
 
 from viewsep.config import RecordingConfig
@@ -254,9 +255,8 @@ class Recorder:
             self._channels[topic] = self._container.add_channel(
                 topic, protobuf.DESCRIPTOR.full_name, descriptors, {}, compressed=topic not in PICTURES
             )
-        self._container.add_message(
-            self._channels[topic], stamp_ns, sequence, serialise(protobuf), goes_with_next=topic == MASK_TOPIC
-        )
+        record = McapMessage(self._channels[topic], stamp_ns, serialise(protobuf), stamp_ns, sequence)
+        self._container.add_message(record, goes_with_next=topic == MASK_TOPIC)
 
     def _failed(self, error: OSError) -> BadInput:
         """Give up: the `.part` stays as it is on the disk."""
