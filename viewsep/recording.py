@@ -1,15 +1,17 @@
-"""What a session's recording carries besides the messages: configuration, seed, build and models."""
+"""Recording a task: what the file carries besides the messages, and the thread that writes it."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 from viewsep.config import Config
 from viewsep.models import library
 from viewsep.models.aspect_graph import AspectGraph
 from viewsep.recordings.build import this_build
+from viewsep.recordings.queue import QueuedListener
 from viewsep.recordings.writer import Attachment, Recorder
 
 MODEL_MEDIA_TYPE = "application/x-viewsep-model"
@@ -29,4 +31,30 @@ def task_recorder(
     attachments = [
         Attachment(f"{model.name}{library.SUFFIX}", MODEL_MEDIA_TYPE, library.to_bytes(model)) for model in models
     ]
-    return Recorder(path, metadata, attachments, overwrite=overwrite)
+    return Recorder(path, metadata, attachments, settings=config.recording, overwrite=overwrite)
+
+
+@contextmanager
+def in_background(
+    recorder: Recorder, config: Config, on_error: Callable[[Exception], None], *, patience_s: float = 0.0
+) -> Iterator[QueuedListener]:
+    """The recorder, opened and in a thread of its own; at the end the file is complete whatever has happened.
+
+    `on_error` is called from that thread when recording cannot go on. A full queue is waited for `patience_s` at most.
+    Raises BadInput as the recorder does.
+    """
+    with recorder:
+        queued = QueuedListener(
+            recorder,
+            "viewsep recorder",
+            on_error,
+            most_bytes=round(config.recording.queue_mb * 1e6),
+            patience_s=patience_s,
+            idle=recorder.tick,
+            idle_s=config.recording.sync_s,
+        )
+        try:
+            yield queued
+        finally:
+            queued.close()
+            recorder.lost = queued.lost

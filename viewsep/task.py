@@ -18,10 +18,12 @@ from viewsep.messages import Result
 from viewsep.models.aspect_graph import AspectGraph
 from viewsep.perception import RigPerception
 from viewsep.plugins import make_descriptor
-from viewsep.recording import task_recorder
+from viewsep.recording import in_background, task_recorder
 from viewsep.rigs import PictureKind, pace_of, rig_holding
 from viewsep.session import Session
 from viewsep.sim.render_cache import RenderCache
+
+PATIENCE_S = 10.0  # a simulated rig waits for a slow disk, a real one stands still meanwhile
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,16 +119,29 @@ def run_task(
         with session:
             result = session.run(task.seed)
     else:
-        recorder = task_recorder(task.record, config, models, task.seed, task.truth, overwrite=task.overwrite)
-        with recorder:
-            session.listeners = (*listeners, recorder)
-            with session:
-                result = session.run(task.seed)
+        result = _run_recorded(task, task.record, config, models, session)
     error = np.nan
     if task.truth:
         error = float(rotation_angle(result.rotation, simulated.true_rotation(result.stamp_ns)))
     correct = result.object == task.truth if result.object else None
     return Answer(task, result, correct, error, simulated.pictures, simulated.described)
+
+
+def _run_recorded(task: Task, record: Path, config: Config, models: Sequence[AspectGraph], session: Session) -> Result:
+    """Run the session and record it; a recording that cannot go on ends the task and is the error that counts."""
+    recorder = task_recorder(record, config, models, task.seed, task.truth, overwrite=task.overwrite)
+    with in_background(recorder, config, lambda error: session.cancel(str(error)), patience_s=PATIENCE_S) as queued:
+        session.listeners = (*session.listeners, queued)
+        with session:
+            result = session.run(task.seed)
+    if queued.error is not None:
+        raise queued.error
+    if queued.lost:
+        raise BadInput(
+            f"{record}: {queued.lost} messages are missing from the recording, as the disk could not keep up: record "
+            "to a faster one, or raise the key 'recording.queue_mb'"
+        )
+    return result
 
 
 def _check_source(task: Task, models: Sequence[AspectGraph], digest: str) -> None:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import logging
 import threading
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,7 +15,7 @@ from viewsep.errors import ViewsepError
 from viewsep.interfaces import Listener, Perception
 from viewsep.messages import Result
 from viewsep.models.aspect_graph import AspectGraph
-from viewsep.recording import task_recorder
+from viewsep.recording import in_background, task_recorder
 from viewsep.recordings.queue import QueuedListener
 from viewsep.rigs import pace_of
 from viewsep.session import Rig, Session
@@ -109,16 +109,10 @@ class RunningTask:
                 self._session.cancel(self._cancelled)
             return self._session
 
-    @contextmanager
-    def _recording(self, path: Path) -> Iterator[QueuedListener]:
+    def _recording(self, path: Path) -> AbstractContextManager[QueuedListener]:
         """Record, in a thread of its own; a recording that fails ends the task."""
-        order = self.order
-        with task_recorder(path, self._config, self._models, order.seed, order.truth) as recorder:
-            queued = QueuedListener(recorder, "viewsep recorder", self._recording_failed)
-            try:
-                yield queued
-            finally:
-                queued.close()
+        recorder = task_recorder(path, self._config, self._models, self.order.seed, self.order.truth)
+        return in_background(recorder, self._config, self._recording_failed)
 
     def _recording_failed(self, error: Exception) -> None:
         log.error("the recording has ended: %s", error)
