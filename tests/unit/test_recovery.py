@@ -12,8 +12,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import recording_to_kill
+from recording_to_kill import GOLDEN, SYNC_S, heard
 
-from tests.recording_to_kill import GOLDEN, SYNC_S, heard
 from viewsep.errors import BadInput, BadRecording
 from viewsep.messages import Frame, Message
 from viewsep.recording import task_recorder
@@ -52,7 +53,7 @@ def raws(recording: Recording) -> list[bytes]:
 
 @pytest.fixture(scope="module")
 def server() -> Iterator[subprocess.Popen[str]]:
-    command = [sys.executable, "-u", "-m", "tests.recording_to_kill"]
+    command = [sys.executable, recording_to_kill.__file__]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         assert process.stdout.readline() == "ready\n"
