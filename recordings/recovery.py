@@ -57,6 +57,29 @@ class Recovered:
     already: bool
 
 
+def told(saved: Recovered | None, source: Path) -> list[str]:
+    """What became of `source`, in sentences."""
+    if saved is None:
+        return [f"{source} is whole: nothing to recover"]
+    count = sum(saved.messages.values())
+    span = f" over {_seconds(saved.span_ns):.1f} s" if saved.span_ns else ""
+    how = "were saved before" if saved.already else "saved"
+    lines = [f"{source}: {count} messages{span} {how} in {saved.path}"]
+    for lost in saved.lost:
+        line = f"lost: bytes {lost.start} to {lost.end}, a {lost.what}"
+        if lost.messages:
+            line += " with " + ", ".join(f"{number} on {topic}" for topic, number in sorted(lost.messages.items()))
+        if lost.span_ns and saved.span_ns:
+            first, last = ((stamp - saved.span_ns[0]) / 1e9 for stamp in lost.span_ns)
+            line += f", from {first:.2f} s to {last:.2f} s"
+        lines.append(line)
+    return lines
+
+
+def _seconds(span_ns: tuple[int, int]) -> float:
+    return (span_ns[1] - span_ns[0]) / 1e9
+
+
 def recovered_path(source: Path) -> Path:
     """Where what is saved of `source` goes: `run.mcap.part` and `run.mcap` both to `run.recovered.mcap`."""
     name = source.name.removesuffix(SUFFIX)
@@ -188,7 +211,7 @@ def _write(source: Path, data: bytes, saved: _Saved) -> Recovered:
         except OSError as error:
             part.remove()
             raise part.unwritable(error) from error
-    return _told(source, path, saved, already)
+    return _recovered(source, path, saved, already)
 
 
 def _fill(container: Container, saved: _Saved, origin: Mapping[str, str]) -> None:
@@ -207,7 +230,7 @@ def _fill(container: Container, saved: _Saved, origin: Mapping[str, str]) -> Non
     container.finish()
 
 
-def _told(source: Path, path: Path, saved: _Saved, already: bool) -> Recovered:
+def _recovered(source: Path, path: Path, saved: _Saved, already: bool) -> Recovered:
     times = [message.log_time for message in saved.messages]
     return Recovered(
         source=source,

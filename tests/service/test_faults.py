@@ -26,6 +26,9 @@ from processes import (
 )
 
 from viewsep.client import Client, RequestRefused
+from viewsep.recordings.reader import read_recording
+from viewsep.recordings.recovery import recovered_path
+from viewsep.recordings.replay import verify
 from viewsep.service.status import ResultStatus
 
 ENDS = ("identified", "undecided")
@@ -79,12 +82,15 @@ def test_an_engine_that_is_killed_leaves_a_rig_that_holds(short: Mapping[str, An
         status = client.status()
         assert status.alive == ("rig",)
         assert status.engine is None
-        assert len(list((tmp_path / "recordings").glob("*.part"))) == 1
+        (left,) = (tmp_path / "recordings").glob("*.part")
         again = Serving(tmp_path / "engine2", engine.settings, engine.arguments)
-        for left in (tmp_path / "recordings").glob("*.part"):
-            left.unlink()
         with serving(again):
             until(lambda: client.status().engine, 10, "the new engine is not there")
+            saved = recovered_path(left)
+            until(saved.exists, 10, "what was recorded is not saved by itself")
+            verify(read_recording(saved))
+            until(lambda: "saved in" in " ".join(again.log.split()), 5, "it is not said")
+            left.unlink()
             task_works(client, again.folder)
 
 

@@ -16,7 +16,7 @@ import recording_to_kill
 from recording_to_kill import GOLDEN, SYNC_S, heard
 
 from viewsep.errors import BadInput, BadRecording
-from viewsep.messages import Frame, Message
+from viewsep.messages import Frame, HypothesisViews, Message
 from viewsep.recording import task_recorder
 from viewsep.recordings.codec import to_bytes
 from viewsep.recordings.reader import Recording, read_recording
@@ -93,7 +93,7 @@ def test_a_kill_costs_no_more_than_the_last_moments(
     complete = sorted(tmp_path.glob("*.mcap"), key=lambda path: path.stat().st_mtime_ns)
     recordings = [read_recording(path) for path in complete]
     kept = [raw for recording in recordings for raw in raws(recording)]
-    told = [message for _, message in messages if not isinstance(message, Frame)]
+    told = [message for _, message in messages if not isinstance(message, Frame | HypothesisViews)]
     assert kept == [to_bytes(message) for message in told[: len(kept)]]
     # what was heard before the last moments is there
     old = sum(stamp < times[-1] - SYNC_S for stamp in times) if times else 0

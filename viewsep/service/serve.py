@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import threading
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
@@ -17,6 +18,7 @@ from viewsep.recordings.queue import QueuedListener
 from viewsep.service.answering import declare_answer, declare_refusals
 from viewsep.service.ending import Ending
 from viewsep.service.engine_role import EngineRole
+from viewsep.service.leftovers import save_leftovers
 from viewsep.service.manifest import manifest
 from viewsep.service.names import ENGINE_STREAMS, RIG_STREAMS, Keys, Role
 from viewsep.service.presence import Presence
@@ -136,6 +138,10 @@ class Service:
         self._open.callback(access.close)
         streams = QueuedListener(self._streams(session, Role.ENGINE, ENGINE_STREAMS), "viewsep streams", self.crash)
         self._open.callback(streams.close)
+        leftovers = Path(self._config.service.recordings)
+        saving = threading.Thread(target=save_leftovers, args=(leftovers,), name="viewsep recovery")
+        saving.start()
+        self._open.callback(saving.join)
         self._engine = EngineRole(self._config, access, streams, owners.arrived, self._config_file)
         self._open.callback(self._engine.close)
 
