@@ -104,6 +104,11 @@ class Container:
         self._counts: dict[int, int] = defaultdict(int)
         self._put(MCAP0_MAGIC + record_bytes(Header(profile=profile, library=library)))
 
+    @property
+    def size(self) -> int:
+        """Bytes written and still open (uncompressed)."""
+        return self.written + sum(chunk.size for chunk in self._open.values())
+
     def add_metadata(self, name: str, record: Mapping[str, str]) -> None:
         """A metadata record of keys and texts; may be given again, readers take the last one of a name."""
         start = self.written

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import struct
 import zlib
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from io import BytesIO
 from pathlib import Path
 
@@ -45,12 +45,13 @@ _FOOTER = struct.Struct("<BQQQI")  # opcode, length, summary start, summary offs
 
 @dataclass(frozen=True, slots=True)
 class Recorded:
-    """One message as it was heard at `stamp_ns`; `raw` is its recorded protobuf."""
+    """One message as it was heard at `stamp_ns`; `raw` is its recorded protobuf, `number` counts all of a recording."""
 
     topic: str
     stamp_ns: int
     message: Recordable
     raw: bytes
+    number: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,6 +84,27 @@ def read_recording(path: Path) -> Recording:
         raise BadRecording(f"{path}: {error}") from error
     except (*PARSE_ERRORS, DecodeError) as error:
         raise BadRecording(f"{path}: its records make no sense ({error}); it was not written by viewsep") from error
+
+
+def joined(parts: Sequence[Recording]) -> Recording:
+    """The files of one recording as one, in whatever order they are given.
+
+    Raises BadRecording when they are of different ones.
+    """
+    sessions = [part.metadata.get("session", {}) for part in parts]
+    if len(parts) > 1 and len({session.get("opened_unix_ns") for session in sessions}) > 1:
+        raise BadRecording("these are not parts of one recording: give the files of one, or each of them alone")
+    ordered = sorted(parts, key=lambda part: int(part.metadata.get("session", {}).get("part", "1")))
+    messages: list[Recorded] = []
+    gaps: set[int] = set()
+    for part in ordered:
+        begin = len(messages)
+        inside = {begin + gap for gap in part.gaps if gap > 0}
+        follows = part.messages and part.messages[0].number == (messages[-1].number + 1 if messages else 0)
+        gaps |= inside if follows else inside | {begin}
+        messages += part.messages
+    frames = tuple(frame for part in ordered for frame in part.frames)
+    return replace(ordered[0], messages=tuple(messages), frames=frames, gaps=frozenset(gaps))
 
 
 def read_bytes(path: Path) -> bytes:
@@ -185,7 +207,8 @@ def _decoded(records: Iterable[tuple[str, Message]]) -> Iterator[Recorded]:
     """The messages in order."""
     for topic, record in records:
         with _named(topic, record):
-            yield Recorded(topic, record.log_time, decode(topic, _protobuf(topic, record.data)), record.data)
+            message = decode(topic, _protobuf(topic, record.data))
+            yield Recorded(topic, record.log_time, message, record.data, record.sequence)
 
 
 def _frames(records: Iterable[tuple[str, Message]]) -> Iterator[RecordedFrame]:

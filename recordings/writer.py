@@ -55,7 +55,8 @@ class Recorder:
     the recording of a failed task is precious. What could not be written completely (disk full) stays as `.part`.
 
     Every `sync_s` what was heard is on the disk. When a file has reached its size or age, the next keyframe begins a
-    new one, `<name>-2.mcap` and so on, with metadata and attachments of its own: each can be replayed alone.
+    new one, `<name>-2.mcap` and so on, with metadata and attachments of its own: each can be replayed alone. Where no
+    keyframes are kept, any message does, and the files can only be replayed together.
 
     The metadata record `session` gets `opened_unix_ns` and with the first message the wall-clock anchor: at
     `anchor_unix_ns` (nanoseconds since 1970) the session's clock stood at `anchor_stamp_ns`. `lost` counts messages
@@ -118,7 +119,8 @@ class Recorder:
         encoded = self._encoded(message)
         if self._ended:
             return
-        if isinstance(message, Keyframe) and self._file_is_full():
+        begins = isinstance(message, Keyframe) or self._settings.keyframe_s == 0
+        if begins and self._file_is_full():
             self._begin_next_file()
         try:
             self._anchor(stamp_ns)
@@ -214,7 +216,7 @@ class Recorder:
 
     def _file_is_full(self) -> bool:
         settings = self._settings
-        large = settings.rotate_mb and self._container.written >= settings.rotate_mb * _MB
+        large = settings.rotate_mb and self._container.size >= settings.rotate_mb * _MB
         old = settings.rotate_s and time.monotonic() - self._began >= settings.rotate_s
         return bool(large or old)
 

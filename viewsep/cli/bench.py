@@ -9,12 +9,14 @@ from rich.table import Table
 
 from viewsep.bench.speed import measure_speed
 from viewsep.cli.bench_pose import pose
+from viewsep.cli.bench_recording import recording
 from viewsep.cli.bench_separation import separation
 from viewsep.cli.bench_service import service
 from viewsep.cli.bench_servos import servos
 from viewsep.cli.console import MAX_SEED, print_json, results
 
 app = typer.Typer(help="Measure the method: how often it is right, what it costs.", no_args_is_help=True)
+app.command("recording")(recording)
 app.command("separation")(separation)
 app.command("pose")(pose)
 app.command("service")(service)
