@@ -3,7 +3,7 @@
 Everything here follows from the messages, the configuration and the models; nothing of it is read back or replayed.
 The scene's unit of length is the radius of the view sphere, since no distance of a rig is known.
 
-Frames: `base` is fixed, as the camera is; each joint's frame turns in the one before, and the last one carries
+Frames: `base` is fixed, as `camera` in it is; each `joint/NAME` turns in the one before, and the last one carries
 `control`, the frame that holds the object. `object/NAME` is the pose of a candidate in `control`.
 """
 
@@ -56,6 +56,7 @@ CHANNELS: Mapping[str, type[Protobuf]] = {
 """Every topic of the scene and the protobuf message on it."""
 
 BASE, CONTROL = "base", "control"
+RERUN_ROOT = "tf#/"  # Rerun's name for the frame of its 3D view, which shows only what hangs together with it
 CAMERA_AT = 2.0  # radii of the view sphere from its centre
 LONGEST_PATH = 500
 FIXED_EVERY_NS = 1_000_000_000  # what never moves is told again, for whoever starts in the middle
@@ -124,6 +125,7 @@ class Scene:
         if self._fixed_ns is None or abs(stamp_ns - self._fixed_ns) >= FIXED_EVERY_NS:
             self._fixed_ns = stamp_ns
             direction = self._geometry.camera_direction
+            yield "tf", transform(stamp_ns, RERUN_ROOT, BASE, np.eye(3))
             yield "tf", transform(stamp_ns, BASE, CAMERA_FRAME, _facing(direction), tuple(CAMERA_AT * direction))
             yield "tf", transform(stamp_ns, self._joints[-1], CONTROL, np.eye(3))
         parents = (BASE, *self._joints)
