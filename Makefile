@@ -3,7 +3,7 @@ PYTHON ?= python3.11
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: env demo test lint types contracts unit wheel test-long test-hardware-in-vm schemas clean
+.PHONY: env demo test lint types contracts unit wheel test-long test-readers test-hardware-in-vm schemas golden clean
 
 env: $(VENV)/.up-to-date
 
@@ -32,12 +32,16 @@ contracts: env
 	$(BIN)/lint-imports
 
 unit: env
-	$(BIN)/python -m pytest -m "not alone and not long" --numprocesses auto --dist loadfile
-	$(BIN)/python -m pytest -m "alone and not long"
+	$(BIN)/python -m pytest -m "not alone and not long and not readers" --numprocesses auto --dist loadfile
+	$(BIN)/python -m pytest -m "alone and not long and not readers"
 
 # Whole tasks and the contract of motion on more rigs of emulated servos: a minute.
 test-long: env
 	$(BIN)/python -m pytest -m long
+
+# Recordings in readers that are not ours: @mcap/core for JavaScript (needs node and npm, loads it) and Rerun's.
+test-readers: env
+	$(BIN)/python -m pytest -m readers
 
 wheel: env
 	$(BIN)/python tests/wheel_install.py
@@ -45,6 +49,10 @@ wheel: env
 # Slow: the kernel's own USB serial driver in a virtual machine (QEMU), emulated servos on its USB; not part of `make test`.
 test-hardware-in-vm: env
 	$(BIN)/python tests/hardware_in_vm/run.py
+
+# Records the golden recording of the present layout again; look at the difference before it is committed.
+golden: env
+	$(BIN)/python tests/golden/make.py
 
 # Regenerates recordings/schemas/*_pb2.py after a .proto file was changed.
 schemas: env

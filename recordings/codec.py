@@ -30,6 +30,8 @@ nothing and is only shown."""
 IMAGE_TOPIC = "camera/image"
 MASK_TOPIC = "camera/mask"
 PICTURES = (IMAGE_TOPIC, MASK_TOPIC)
+CAMERA_FRAME = "camera"
+"""The frame that pictures are in: x to the right, y down, z into the picture."""
 
 SCHEMAS: Mapping[str, type[Protobuf]] = {
     IMAGE_TOPIC: CompressedImage,
@@ -116,7 +118,7 @@ def encode_frame(frame: Frame) -> tuple[tuple[str, CompressedImage], ...]:
     if mask.shape != image.shape[:2] or mask.dtype != np.bool_:
         raise BadInput(f"frame {frame.sequence}: its mask is {mask.shape} {mask.dtype}, give {image.shape[:2]} bool")
     png = _compress(".png", mask.astype(np.uint8) * 255, [])
-    return ((MASK_TOPIC, CompressedImage(timestamp=picture[1].timestamp, data=png, format="png")), picture)
+    return ((MASK_TOPIC, _compressed_image(frame, png, "png")), picture)
 
 
 def encode_picture(frame: Frame) -> CompressedImage:
@@ -124,15 +126,19 @@ def encode_picture(frame: Frame) -> CompressedImage:
     image = frame.image
     if image.ndim != 3 or image.shape[2] != 3 or image.size == 0 or image.dtype != np.uint8:
         raise BadInput(f"frame {frame.sequence}: its image is {image.shape} {image.dtype}, give (H, W, 3) uint8")
-    stamp = Timestamp(seconds=frame.stamp_ns // _NS_PER_S, nanos=frame.stamp_ns % _NS_PER_S)
     jpeg = _compress(".jpg", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), JPEG_OPTIONS)
-    return CompressedImage(timestamp=stamp, data=jpeg, format="jpeg")
+    return _compressed_image(frame, jpeg, "jpeg")
 
 
 def decode_frame(sequence: int, image: CompressedImage, mask: CompressedImage | None) -> RecordedFrame:
     """The recorded frame whose picture is `image`; nothing is decompressed yet."""
     stamp_ns = image.timestamp.seconds * _NS_PER_S + image.timestamp.nanos
     return RecordedFrame(stamp_ns, sequence, image.data, None if mask is None else mask.data)
+
+
+def _compressed_image(frame: Frame, data: bytes, kind: str) -> CompressedImage:
+    stamp = Timestamp(seconds=frame.stamp_ns // _NS_PER_S, nanos=frame.stamp_ns % _NS_PER_S)
+    return CompressedImage(timestamp=stamp, frame_id=CAMERA_FRAME, data=data, format=kind)
 
 
 def _compress(extension: str, image: Array, options: list[int]) -> bytes:

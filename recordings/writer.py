@@ -20,6 +20,7 @@ from viewsep.messages import Frame, HypothesisViews, Keyframe, Message
 from viewsep.recordings.codec import MASK_TOPIC, PICTURES, encode, encode_frame, serialise
 from viewsep.recordings.container import Container
 from viewsep.recordings.part_file import PartFile
+from viewsep.recordings.units import UNITS
 from viewsep.recordings.version import VERSION
 
 SESSION = "session"
@@ -254,8 +255,9 @@ class Recorder:
     def _write(self, topic: str, stamp_ns: int, sequence: int, protobuf: Protobuf) -> None:
         if topic not in self._channels:
             descriptors = build_file_descriptor_set(type(protobuf)).SerializeToString(deterministic=True)
+            name, units = protobuf.DESCRIPTOR.full_name, UNITS.get(topic, {})
             self._channels[topic] = self._container.add_channel(
-                topic, protobuf.DESCRIPTOR.full_name, descriptors, {}, compressed=topic not in PICTURES
+                topic, name, descriptors, units, compressed=topic not in PICTURES
             )
         record = McapMessage(self._channels[topic], stamp_ns, serialise(protobuf), stamp_ns, sequence)
         self._container.add_message(record, goes_with_next=topic == MASK_TOPIC)

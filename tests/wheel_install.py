@@ -11,7 +11,12 @@ import venv
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
-FILES = ("py.typed", "recordings/schemas/viewsep.proto", "recordings/schemas/viewsep_pb2.pyi")
+FILES = (
+    "py.typed",
+    "recordings/layouts/viewsep.json",
+    "recordings/schemas/viewsep.proto",
+    "recordings/schemas/viewsep_pb2.pyi",
+)
 PYTHON = sys.version_info
 
 IMPORT_ALL = """

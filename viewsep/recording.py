@@ -12,6 +12,7 @@ from viewsep.models import library
 from viewsep.models.aspect_graph import AspectGraph
 from viewsep.recordings.build import this_build
 from viewsep.recordings.queue import QueuedListener
+from viewsep.recordings.scene import Scene
 from viewsep.recordings.writer import Attachment, Recorder
 
 MODEL_MEDIA_TYPE = "application/x-viewsep-model"
@@ -31,7 +32,8 @@ def task_recorder(
     attachments = [
         Attachment(f"{model.name}{library.SUFFIX}", MODEL_MEDIA_TYPE, library.to_bytes(model)) for model in models
     ]
-    return Recorder(path, metadata, attachments, settings=config.recording, overwrite=overwrite)
+    scene = Scene(config, models)
+    return Recorder(path, metadata, attachments, settings=config.recording, companions=scene, overwrite=overwrite)
 
 
 @contextmanager

@@ -1,0 +1,39 @@
+"""Makes the golden recording of the present layout: a short task with two generated boxes. `make golden` runs it.
+
+Recordings of earlier layouts are never made again: they are what those versions wrote.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from viewsep.config import parse_config
+from viewsep.learning import learn_object
+from viewsep.recordings.reader import read_recording
+from viewsep.recordings.replay import verify
+from viewsep.recordings.version import VERSION
+from viewsep.task import Task, run_task
+
+FOLDER = Path(__file__).parent
+SOURCES = {"product_7": "generated:7", "product_7_twin_face": "generated:7:twin=face"}
+SETTINGS = {"camera": {"size_px": 80}, "recording": {"keyframe_s": 3.0}}
+SEED = 1
+LARGEST = 3_000_000
+
+
+def main() -> None:
+    config = parse_config(SETTINGS, "tests/golden/make.py")
+    models = [learn_object(source, name, 60, config) for name, source in SOURCES.items()]
+    path = FOLDER / f"v{VERSION}.mcap"
+    name = "product_7_twin_face"
+    run_task(Task(SOURCES[name], name, SEED, path, overwrite=True), config, models)
+    found = verify(read_recording(path))
+    size = path.stat().st_size
+    sys.stdout.write(f"{path.name}: {size} bytes, {found.outputs} outputs of {found.events} events\n")
+    if size > LARGEST:
+        sys.exit(f"{path.name} is larger than {LARGEST} bytes: make the task shorter")
+
+
+if __name__ == "__main__":
+    main()
