@@ -1,11 +1,12 @@
 """Foxglove's messages from arrays: what common viewers show without a plug-in.
 
-Lengths are in radii of the view sphere, colours are sRGB. Frames are named by text; a rotation (3, 3) turns the child
-frame's or the object's coordinates into those of the frame it is given in.
+Lengths are in radii of the view sphere, colours are sRGB. Frames are named by text; an orientation turns coordinates
+of the child frame, or of the object, into those of the frame it is given in.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -23,6 +24,8 @@ from google.protobuf.timestamp_pb2 import Timestamp
 from viewsep.geometry import matrix_to_quaternion
 from viewsep.messages import Array, FloatArray
 
+UNTURNED = Quaternion(x=0.0, y=0.0, z=0.0, w=1.0)
+
 _NS_PER_S = 1_000_000_000
 _PLACE = [(name, "<f4") for name in ("x", "y", "z")] + [(name, "u1") for name in ("red", "green", "blue", "alpha")]
 _NUMERIC = {"<f4": PackedElementField.FLOAT32, "|u1": PackedElementField.UINT8, "<u4": PackedElementField.UINT32}
@@ -33,23 +36,41 @@ def timestamp(stamp_ns: int) -> Timestamp:
     return Timestamp(seconds=stamp_ns // _NS_PER_S, nanos=stamp_ns % _NS_PER_S)
 
 
+def turned(rotation: FloatArray) -> Quaternion:
+    """The orientation that a rotation matrix (3, 3) gives."""
+    x, y, z, w = (float(part) for part in matrix_to_quaternion(rotation))
+    return Quaternion(x=x, y=y, z=z, w=w)
+
+
+def turned_about(axis: Sequence[float], angle_rad: float) -> Quaternion:
+    """The orientation after turning by `angle_rad` about the unit vector `axis` (3,)."""
+    x, y, z = axis
+    sine = math.sin(angle_rad / 2.0)
+    return Quaternion(x=x * sine, y=y * sine, z=z * sine, w=math.cos(angle_rad / 2.0))
+
+
 def transform(
-    stamp_ns: int, parent: str, child: str, rotation: FloatArray, translation: Sequence[float] = (0.0, 0.0, 0.0)
+    stamp_ns: int,
+    parent: str,
+    child: str,
+    orientation: Quaternion = UNTURNED,
+    origin: Sequence[float] = (0.0, 0.0, 0.0),
 ) -> FrameTransform:
-    """Where the frame `child` stands in `parent`: its rotation (3, 3) and its origin (3,)."""
-    x, y, z = translation
+    """Where the frame `child` stands in `parent`: its orientation and its origin (3,)."""
+    x, y, z = origin
     return FrameTransform(
         timestamp=timestamp(stamp_ns),
         parent_frame_id=parent,
         child_frame_id=child,
         translation=Vector3(x=x, y=y, z=z),
-        rotation=_quaternion(rotation),
+        rotation=orientation,
     )
 
 
-def pose(stamp_ns: int, frame: str, rotation: FloatArray) -> PoseInFrame:
-    """Something at the origin of `frame`, turned by `rotation` (3, 3)."""
-    return PoseInFrame(timestamp=timestamp(stamp_ns), frame_id=frame, pose=_turned(rotation))
+def pose(stamp_ns: int, frame: str, orientation: Quaternion) -> PoseInFrame:
+    """Something at the origin of `frame`."""
+    at_origin = Pose(position=Vector3(), orientation=orientation)
+    return PoseInFrame(timestamp=timestamp(stamp_ns), frame_id=frame, pose=at_origin)
 
 
 def points(
@@ -65,7 +86,7 @@ def points(
     return PointCloud(
         timestamp=timestamp(stamp_ns),
         frame_id=frame,
-        pose=_turned(np.eye(3)),
+        pose=Pose(position=Vector3(), orientation=UNTURNED),
         point_stride=packed.dtype.itemsize,
         fields=[
             PackedElementField(name=name, offset=entry[1], type=_NUMERIC[entry[0].str])
@@ -78,12 +99,3 @@ def points(
 def log(stamp_ns: int, level: Log.Level.ValueType, sentence: str) -> Log:
     """A sentence about what happened."""
     return Log(timestamp=timestamp(stamp_ns), level=level, message=sentence, name="viewsep")
-
-
-def _turned(rotation: FloatArray) -> Pose:
-    return Pose(position=Vector3(), orientation=_quaternion(rotation))
-
-
-def _quaternion(rotation: FloatArray) -> Quaternion:
-    x, y, z, w = (float(part) for part in matrix_to_quaternion(rotation))
-    return Quaternion(x=x, y=y, z=z, w=w)

@@ -9,6 +9,7 @@ Frames: `base` is fixed, as `camera` in it is; each `joint/NAME` turns in the on
 
 from __future__ import annotations
 
+import math
 from collections import Counter, deque
 from collections.abc import Iterator, Mapping, Sequence
 
@@ -20,7 +21,7 @@ from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
 from google.protobuf.message import Message as Protobuf
 
 from viewsep.config import Config, geometry_of
-from viewsep.geometry import angle_between, axis_rotation, azimuth_elevation, rotation_angle
+from viewsep.geometry import angle_between, azimuth_elevation, rotation_angle
 from viewsep.kinematics import RigGeometry
 from viewsep.messages import (
     Array,
@@ -43,7 +44,7 @@ from viewsep.messages import (
 )
 from viewsep.models.aspect_graph import AspectGraph
 from viewsep.recordings.codec import CAMERA_FRAME
-from viewsep.recordings.drawing import log, points, pose, transform
+from viewsep.recordings.drawing import log, points, pose, transform, turned, turned_about
 
 CHANNELS: Mapping[str, type[Protobuf]] = {
     "tf": FrameTransform,
@@ -84,8 +85,11 @@ class Scene:
     """
 
     def __init__(self, config: Config, models: Sequence[AspectGraph]) -> None:
-        self._geometry = geometry_of(config.rig)
-        self._joints = _joint_frames(self._geometry)
+        geometry = geometry_of(config.rig)
+        camera = geometry.camera_direction
+        self._joints = _joint_frames(geometry)
+        self._axes: list[list[float]] = geometry.axes.tolist()
+        self._camera = turned(_facing(camera)), tuple(float(x) for x in CAMERA_AT * camera)
         self._views = {model.name: model.directions for model in models}
         self._fixed_ns: int | None = None
         self._fault = ""
@@ -120,17 +124,16 @@ class Scene:
 
     def _rig(self, stamp_ns: int, position_rad: Sequence[float]) -> Shown:
         """The joints where they were read back. Those of another rig, or without a position, cannot be drawn."""
-        if len(position_rad) != len(self._joints) or not np.isfinite(position_rad).all():
+        if len(position_rad) != len(self._joints) or not all(map(math.isfinite, position_rad)):
             return
         if self._fixed_ns is None or abs(stamp_ns - self._fixed_ns) >= FIXED_EVERY_NS:
             self._fixed_ns = stamp_ns
-            direction = self._geometry.camera_direction
-            yield "tf", transform(stamp_ns, RERUN_ROOT, BASE, np.eye(3))
-            yield "tf", transform(stamp_ns, BASE, CAMERA_FRAME, _facing(direction), tuple(CAMERA_AT * direction))
-            yield "tf", transform(stamp_ns, self._joints[-1], CONTROL, np.eye(3))
+            yield "tf", transform(stamp_ns, RERUN_ROOT, BASE)
+            yield "tf", transform(stamp_ns, BASE, CAMERA_FRAME, *self._camera)
+            yield "tf", transform(stamp_ns, self._joints[-1], CONTROL)
         parents = (BASE, *self._joints)
-        for parent, frame, axis, angle in zip(parents, self._joints, self._geometry.axes, position_rad, strict=False):
-            yield "tf", transform(stamp_ns, parent, frame, axis_rotation(axis, angle))
+        for parent, frame, axis, angle in zip(parents, self._joints, self._axes, position_rad, strict=False):
+            yield "tf", transform(stamp_ns, parent, frame, turned_about(axis, angle))
 
     def _seen_from(self, stamp_ns: int, view: FloatArray) -> Shown:
         """The path with one more view, if it is another one than the last."""
@@ -147,12 +150,12 @@ class Scene:
         """Where each candidate would be, and the views of the best rated one where they would be seen."""
         drawable = [index for index, candidate in enumerate(candidates) if _is_rotation(candidate.rotation)]
         for candidate in (candidates[index] for index in drawable):
-            yield "tf", transform(stamp_ns, CONTROL, f"object/{candidate.name}", candidate.rotation)
+            yield "tf", transform(stamp_ns, CONTROL, f"object/{candidate.name}", turned(candidate.rotation))
         if not drawable:
             return
         index = min(drawable, key=lambda k: candidates[k].rating)
         best = candidates[index]
-        yield "pose", pose(stamp_ns, CONTROL, best.rotation)
+        yield "pose", pose(stamp_ns, CONTROL, turned(best.rotation))
         if best.name in self._views and self._moved(best):
             self._best = best.name, best.rotation
             views = self._views[best.name] @ best.rotation.T

@@ -20,7 +20,7 @@ from viewsep.config import Config, geometry_of, parse_config
 from viewsep.geometry import axis_rotation, fibonacci_sphere, quaternion_to_matrix
 from viewsep.kinematics import PRESETS
 from viewsep.models.aspect_graph import AspectGraph, Provenance
-from viewsep.recordings.codec import serialise
+from viewsep.recordings.codec import decode_frame, encode_frame, serialise
 from viewsep.recordings.scene import CHANNELS, FIXED_EVERY_NS, LONGEST_PATH, Scene
 from viewsep.recordings.units import UNITS
 
@@ -292,6 +292,22 @@ def test_a_change_of_phase_is_said_once() -> None:
 def test_a_fault_is_said_when_it_comes_and_when_it_goes() -> None:
     hot, well = m.JointState(1, (), (), False, "too hot"), m.JointState(1, (), (), False)
     assert [text for _, text in said(well, hot, hot, well)] == ["Fault: too hot", "The fault is cleared."]
+
+
+def test_pictures_are_in_the_frame_of_the_camera() -> None:
+    pictures = encode_frame(m.Frame(1, 1, np.zeros((2, 2, 3), np.uint8), np.ones((2, 2), np.bool_)))
+    assert [picture.frame_id for _, picture in pictures] == ["camera", "camera"]
+    assert "camera" in transforms(scene().show(0, read_back(0.1, 0.2)))
+
+
+def test_pictures_that_name_no_frame_are_read() -> None:
+    frame = m.Frame(7, 3, np.full((2, 2, 3), 90, np.uint8), np.ones((2, 2), np.bool_))
+    (_, mask), (_, picture) = encode_frame(frame)
+    for image in (mask, picture):
+        image.ClearField("frame_id")
+    read = decode_frame(3, picture, mask).decode()
+    assert (read.stamp_ns, read.sequence) == (7, 3)
+    np.testing.assert_array_equal(read.mask, frame.mask)
 
 
 EVERY_KIND: list[m.Message] = [
