@@ -155,7 +155,7 @@ def look_into(path: Path) -> Contents:
     try:
         check_bytes(data)
     except BadRecording as error:
-        problem = str(error)
+        problem = str(error).partition(";")[0]  # what to do is for whoever tells it
     state = State.UNFINISHED if problem and path.suffix == PART else State.DAMAGED if problem else State.WHOLE
     contents = Contents(path, len(data), state, problem)
     _fill(contents, _records(data))

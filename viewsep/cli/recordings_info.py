@@ -165,9 +165,10 @@ def _lines(contents: Contents, said: dict[str, Any]) -> list[tuple[str, str]]:
 
 
 def _remedy(contents: Contents) -> str:
-    target = contents.path.with_name(f"{contents.path.name.removesuffix(PART).removesuffix('.mcap')}-recovered.mcap")
-    saved = f"`viewsep recordings recover {contents.path} -o {target}` saves what can be read"
-    return f"if nobody records to it any more, {saved}" if contents.state is State.UNFINISHED else saved
+    saved = f"`viewsep recordings recover {contents.path}` saves what can be read"
+    if contents.state is State.UNFINISHED:
+        return f"it may still be recorded to; if not, {saved}"
+    return f"take a whole copy where there is one; {saved}"
 
 
 def _outcome(contents: Contents) -> str:
