@@ -26,7 +26,7 @@ COMPARABLE = (*ENGINE, *AFTERWARDS, *PICTURES, *ABOUT)
 """What can be compared, in the order the first difference is looked for. The engine's messages are one sequence."""
 
 _SHOWN = 80  # characters of a value
-_ABSENT = Words("absent")
+_PRESENT, _ABSENT = Words("present"), Words("absent")
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,12 +75,13 @@ class Counted:
 class Comparison:
     """What was found. `first` is None where nothing differs.
 
-    `equal_before` messages of `of` in the first difference's sequence (the engine's messages are one) are the same
-    before it, the last of them at `equal_until_ns`. `about` are all differences of models, configuration and task.
+    In the first difference's `sequence` (the engine's messages are one; empty where it is in no message) `equal_before`
+    messages of `of` are the same before it, the last of them at `equal_until_ns`. `about` are all differences of models, configuration and task.
     `notes` tell what is not a difference.
     """
 
     first: Difference | None
+    sequence: str
     equal_before: int
     of: int
     equal_until_ns: int | None
@@ -100,14 +101,19 @@ def compare(a: Recording, b: Recording, tolerance: float = 0.0, only: Collection
     wanted = only or COMPARABLE
     items_a, items_b = _items(a), _items(b)
     start_ns = min((item.stamp_ns for item in items_a), default=0)
-    first, equal_before, of, until_ns = None, 0, 0, None
-    for topics in (ENGINE, *((topic,) for topic in AFTERWARDS), PICTURES):
+    first, sequence, equal_before, of, until_ns = None, "", 0, 0, None
+    for name, topics in (
+        ("the engine's", ENGINE),
+        *((topic, (topic,)) for topic in AFTERWARDS),
+        ("pictures", PICTURES),
+    ):
         chosen = [topic for topic in topics if topic in wanted]
         mine, others = ([item for item in items if item.topic in chosen] for items in (items_a, items_b))
         found = _first(mine, others, tolerance, start_ns)
         if found is not None:
-            equal_before, first = found
-            of, until_ns = max(len(mine), len(others)), mine[equal_before - 1].stamp_ns if equal_before else None
+            (equal_before, first), sequence = found, name
+            of = max(len(mine), len(others))
+            until_ns = max((item.stamp_ns for item in mine[:equal_before]), default=None)
             break
     about, notes = _about(a, b)
     about = tuple(difference for difference in about if difference.topic in wanted)
@@ -118,7 +124,7 @@ def compare(a: Recording, b: Recording, tolerance: float = 0.0, only: Collection
         for topic in COMPARABLE
         if topic in SCHEMAS and topic in wanted
     }
-    return Comparison(first, equal_before, of, until_ns, counted, about, notes)
+    return Comparison(first, sequence, equal_before, of, until_ns, counted, about, notes)
 
 
 def _items(recording: Recording) -> list[Item]:
@@ -137,17 +143,30 @@ def _items(recording: Recording) -> list[Item]:
 
 def _first(a: Sequence[Item], b: Sequence[Item], tolerance: float, start_ns: int) -> tuple[int, Difference] | None:
     """How many are the same before the first difference, and that one; None where all are the same."""
-    for index, (x, y) in enumerate(zip_longest(a, b)):
-        difference = _alone(x or y, start_ns, x is not None) if not (x and y) else _differ(x, y, tolerance, start_ns)
+    for index, (x, y) in enumerate(_pairs(a, b)):
+        difference = _differ(x, y, tolerance, start_ns) if x and y else _alone(x, y, start_ns)
         if difference is not None:
             return index, difference
     return None
 
 
-def _alone(item: Item, start_ns: int, in_a: bool) -> Difference:
-    there, other = ("A", "B") if in_a else ("B", "A")
-    text = f"{item.told(start_ns)} is in {there} only: {other} has no more messages there"
-    values = ("present", "absent") if in_a else ("absent", "present")
+def _pairs(a: Sequence[Item], b: Sequence[Item]) -> Iterator[tuple[Item | None, Item | None]]:
+    """Messages in the same place of their sequence, pictures and masks with the same number."""
+    if not all(item.topic in PICTURES for item in (*a, *b)):
+        yield from zip_longest(a, b)
+        return
+    mine, others = ({(item.number, item.topic): item for item in items} for items in (a, b))
+    for key in sorted(mine.keys() | others.keys()):
+        yield mine.get(key), others.get(key)
+
+
+def _alone(a: Item | None, b: Item | None, start_ns: int) -> Difference | None:
+    """The difference where one of the two is missing."""
+    item = a or b
+    if item is None:
+        return None
+    values = (_PRESENT, _ABSENT) if a else (_ABSENT, _PRESENT)
+    text = f"{item.told(start_ns)} is in {'A' if a else 'B'} only"
     return Difference(item.topic, item.number, item.stamp_ns, "", *values, text)
 
 
@@ -172,8 +191,6 @@ def _differ(a: Item, b: Item, tolerance: float, start_ns: int) -> Difference | N
 def _fields(a: Item, b: Item, tolerance: float) -> Iterator[tuple[str, Any, Any]]:
     """What differs in two messages of one topic: name and both values."""
     if a.topic in PICTURES:
-        if a.number != b.number:
-            yield "sequence", a.number, b.number
         if a.raw != b.raw:
             yield "picture" if a.topic == IMAGE_TOPIC else "mask", a.raw, b.raw
     elif a.raw != b.raw:

@@ -66,6 +66,7 @@ def _as_dict(a: Path, b: Path, found: Comparison, tolerance: float, start_ns: in
         "same": found.first is None,
         "tolerance": tolerance,
         "first": None if found.first is None else _difference(found.first, start_ns),
+        "sequence": found.sequence or None,
         "equal_before": found.equal_before,
         "of": found.of,
         "equal_until_s": None if found.equal_until_ns is None else (found.equal_until_ns - start_ns) / 1e9,
@@ -90,10 +91,10 @@ def _tell(
         _say(f"{what}, {how}: {sum(counted.a for counted in found.topics.values()):,} messages and pictures")
     else:
         _say(f"different ({how}); the first difference:")
-        _say(f"  {found.first.text}")
-    if found.of:
+        _say(f"  {found.first.text if found.sequence else f'{found.first.topic}: {found.first.text}'}")
+    if found.sequence:
         until = "" if found.equal_until_ns is None else f", up to {(found.equal_until_ns - start_ns) / 1e9:.3f} s"
-        _say(f"equal before it: {found.equal_before:,} of {found.of:,} messages{until}")
+        _say(f"equal before it: {found.equal_before:,} of {found.of:,} messages ({found.sequence}){until}")
         table = Table("topic", "in A", "in B", "differ")
         for topic, counted in found.topics.items():
             if counted.a or counted.b:
