@@ -76,8 +76,8 @@ class Comparison:
     """What was found. `first` is None where nothing differs.
 
     In the first difference's `sequence` (the engine's messages are one; empty where it is in no message) `equal_before`
-    messages of `of` are the same before it, the last of them at `equal_until_ns`. `about` are all differences of models, configuration and task.
-    `notes` tell what is not a difference.
+    messages of `of` are the same before it, the last of them at `equal_until_ns`. `about` are all differences of
+    models, configuration and task. `notes` tell what is not a difference.
     """
 
     first: Difference | None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
@@ -64,3 +65,10 @@ def write(
                 recorder.hear(recorded.stamp_ns, frames[recorded.message.stamp_ns].decode())
             recorder.hear(recorded.stamp_ns, recorded.message)
     return path
+
+
+def write_as_photos(path: Path) -> Path:
+    """The recording as if its pictures, the last six of them, were photos."""
+    config = json.loads(golden().metadata["config"]["json"])
+    config["rig"] |= {"backend": "photos", "views_deg": [[0, 0]]}
+    return write(with_metadata(golden(), "config", json=json.dumps(config)), path, pictures=range(60, 66))
