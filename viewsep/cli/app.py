@@ -20,6 +20,7 @@ COMMANDS = {
     "router": "router:router",
     "replay": "replay:replay",
     "report": "report:report",
+    "recordings": "recordings:app",
     "rig": "rig:app",
     "rigs": "rigs:rigs",
     "status": "status:status",
