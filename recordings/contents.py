@@ -24,7 +24,7 @@ from viewsep.errors import BadConfig, BadRecording
 from viewsep.messages import Result
 from viewsep.recordings.codec import IMAGE_TOPIC, SCHEMAS, decode
 from viewsep.recordings.jpeg import jpeg_size
-from viewsep.recordings.reader import _check_bytes as check_bytes
+from viewsep.recordings.reader import check_bytes
 from viewsep.recordings.writer import SESSION
 
 PROFILE = "viewsep"

@@ -51,7 +51,7 @@ class Recorded:
     stamp_ns: int
     message: Recordable
     raw: bytes
-    number: int
+    number: int = 0
 
 
 @dataclass(frozen=True, slots=True)

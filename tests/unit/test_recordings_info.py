@@ -162,7 +162,7 @@ def test_topics_for_other_programs_are_listed(tmp_path: Path, shell: Shell) -> N
     path = foreign(tmp_path / "a.mcap", "viewsep")
     ended = shell("recordings", "info", path)
     assert ended.code == 0
-    assert "tf (for other programs)" in ended.out
+    assert "tf (for viewers)" in ended.out
     (topic,) = shell("recordings", "info", path, "--json").json[0]["topics"]
     assert topic == {
         "topic": "tf",

@@ -125,7 +125,7 @@ def _tell(contents: Contents) -> None:
     table = Table("topic", "messages", "first s", "last s", "per s", "bytes")
     for topic in said["topics"]:
         numbers = (_number(topic[key], 3) for key in ("first_s", "last_s"))
-        name = topic["topic"] if topic["read_by_viewsep"] else f"{topic['topic']} (for other programs)"
+        name = topic["topic"] if topic["read_by_viewsep"] else f"{topic['topic']} (for viewers)"
         table.add_row(
             escape(name), f"{topic['messages']:,}", *numbers, _number(topic["rate_hz"], 2), f"{topic['bytes']:,}"
         )
