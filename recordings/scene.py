@@ -232,7 +232,7 @@ def _hypotheses(stamp_ns: int, seen: HypothesisViews) -> PointCloud:
     """Every hypothesis where it believes the camera to be; the less it weighs, the more transparent."""
     colour = _colours(seen.owner)
     if len(seen.weight):
-        colour[:, 3] = np.round(255 * (0.2 + 0.8 * seen.weight / seen.weight.max()))
+        colour[:, 3] = np.round(255 * (0.2 + 0.8 * seen.weight / (seen.weight.max() or 1.0)))
     fields = [("weight", "<f4", seen.weight), ("candidate", "<u4", seen.owner)]
     return points(stamp_ns, CONTROL, seen.direction, colour, fields)
 
