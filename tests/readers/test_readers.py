@@ -15,19 +15,19 @@ from typing import Any
 
 import numpy as np
 import pytest
-from beside import Beside, written
 from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
 from foxglove_schemas_protobuf.Log_pb2 import Log
 from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
 from google.protobuf.descriptor import FieldDescriptor
 from google.protobuf.message import Message as Protobuf
-from mcap.reader import make_reader
 
 from viewsep.config import parse_config
 from viewsep.learning import learn_objects
-from viewsep.messages import Message
-from viewsep.recordings.scene import CHANNELS, Scene
+from viewsep.messages import Frame, HypothesisViews, Message
+from viewsep.recordings.codec import encode, encode_frame
+from viewsep.recordings.recovery import recover
+from viewsep.recordings.scene import Scene
 from viewsep.recordings.units import UNITS
 from viewsep.task import Task, run_task
 
@@ -84,13 +84,12 @@ class Made:
 
 @pytest.fixture(scope="module")
 def both(tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, Made]:
-    """One task, recorded by the recorder and by a listener that writes the scene beside it."""
-    folder = tmp_path_factory.mktemp("recordings")
+    """The recording of one task, and the same cut off in its summary and recovered."""
+    path = tmp_path_factory.mktemp("recordings") / "task.mcap"
     config = parse_config({"camera": {"size_px": 64}, "task": {"max_looks": 40}}, "test")
     models = list(learn_objects(SOURCES, ("tea", "decaf"), 48, config))
     heard = Heard()
-    with Beside(folder / "beside.mcap", Scene(config, models)) as beside:
-        run_task(Task(SOURCES[0], "tea", 3, folder / "task.mcap"), config, models, [heard, beside])
+    run_task(Task(SOURCES[0], "tea", 3, path), config, models, [heard])
     expected = defaultdict(list)
     scene = Scene(config, models)
     for stamp_ns, message in heard.messages:
@@ -98,18 +97,24 @@ def both(tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, Made]:
             expected[topic].append((stamp_ns, protobuf))
     for rows in expected.values():
         rows.sort(key=lambda row: row[0])  # what was heard a little late is read in its place
-    return {name: Made(folder / f"{name}.mcap", expected) for name in ("beside", "task")}
+    cut = path.with_name("cut.mcap.part")
+    cut.write_bytes(path.read_bytes()[:-500])
+    recovered = recover(cut)
+    assert recovered is not None
+    return {"task": Made(path, expected), "recovered": Made(recovered.path, expected)}
 
 
-@pytest.fixture(scope="module", params=["beside", "task"])
+def written(stamp_ns: int, message: Message, scene: Scene) -> list[tuple[str, Protobuf]]:
+    """What stands in a recording for a message: topics and protobuf messages in order."""
+    if isinstance(message, Frame):
+        return list(encode_frame(message))
+    ours = [] if isinstance(message, HypothesisViews) else [encode(message)]
+    return [*ours, *scene.show(stamp_ns, message)]
+
+
+@pytest.fixture(scope="module", params=["task", "recovered"])
 def made(request: pytest.FixtureRequest, both: Mapping[str, Made]) -> Made:
-    recording = both[request.param]
-    with recording.path.open("rb") as file:
-        summary = make_reader(file).get_summary()
-    assert summary is not None
-    if not set(CHANNELS) & {channel.topic for channel in summary.channels.values()}:
-        pytest.skip("the recorder does not write the scene yet")
-    return recording
+    return both[request.param]
 
 
 @pytest.fixture(scope="module")
