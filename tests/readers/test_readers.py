@@ -178,7 +178,7 @@ def test_javascript_reads_every_message(made: Made, in_node: Callable[[Path], An
 def test_javascript_refuses_a_changed_byte(
     share: float, both: Mapping[str, Made], in_node: Callable[[Path], Any], tmp_path: Path
 ) -> None:
-    data = bytearray(both["beside"].path.read_bytes())
+    data = bytearray(both["task"].path.read_bytes())
     data[int(share * len(data))] ^= 1
     damaged = tmp_path / "damaged.mcap"
     damaged.write_bytes(data)
