@@ -76,14 +76,14 @@ class Comparison:
     """What was found. `first` is None where nothing differs.
 
     In the first difference's `sequence` (the engine's messages are one; empty where it is in no message) `equal_before`
-    messages of `of` are the same before it, the last of them at `equal_until_ns`. `about` are all differences of
-    models, configuration and task. `notes` tell what is not a difference.
+    messages, of so many in A and B as `of` says, are the same before it, the last of them at `equal_until_ns`. `about`
+    are all differences of models, configuration and task. `notes` tell what is not a difference.
     """
 
     first: Difference | None
     sequence: str
     equal_before: int
-    of: int
+    of: tuple[int, int]
     equal_until_ns: int | None
     topics: dict[str, Counted]
     about: tuple[Difference, ...]
@@ -101,7 +101,7 @@ def compare(a: Recording, b: Recording, tolerance: float = 0.0, only: Collection
     wanted = only or COMPARABLE
     items_a, items_b = _items(a), _items(b)
     start_ns = min((item.stamp_ns for item in items_a), default=0)
-    first, sequence, equal_before, of, until_ns = None, "", 0, 0, None
+    first, sequence, equal_before, of, until_ns = None, "", 0, (0, 0), None
     for name, topics in (
         ("the engine's", ENGINE),
         *((topic, (topic,)) for topic in AFTERWARDS),
@@ -112,7 +112,7 @@ def compare(a: Recording, b: Recording, tolerance: float = 0.0, only: Collection
         found = _first(mine, others, tolerance, start_ns)
         if found is not None:
             (equal_before, first), sequence = found, name
-            of = max(len(mine), len(others))
+            of = len(mine), len(others)
             until_ns = max((item.stamp_ns for item in mine[:equal_before]), default=None)
             break
     about, notes = _about(a, b)

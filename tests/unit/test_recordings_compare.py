@@ -154,7 +154,7 @@ def test_the_parts_of_a_difference() -> None:
 def test_what_is_equal_before_is_counted() -> None:
     found = compare(golden(), altered("estimate", 11, turned)(golden()))
     of = sum(recorded.topic in ENGINE for recorded in golden().messages)
-    assert (found.equal_before, found.of) == (engine_before(estimate_11()), of)
+    assert (found.equal_before, found.of) == (engine_before(estimate_11()), (of, of))
     before = [recorded for recorded in golden().messages[: estimate_11()] if recorded.topic in ENGINE]
     assert found.equal_until_ns == before[-1].stamp_ns
 
@@ -274,7 +274,7 @@ def test_only_what_is_named_is_compared() -> None:
     assert same(compare(golden(), changed, only=("event", "percept", "models")))
     found = compare(golden(), changed, only=("config", "estimate"))
     assert list(found.topics) == ["estimate"]
-    assert (found.equal_before, found.of) == (11, 33)
+    assert (found.equal_before, found.of) == (11, (33, 33))
     with pytest.raises(BadInput, match=r"'estimates' cannot be compared: choose of event, percept, command, "):
         compare(golden(), changed, only=("estimates",))
 
@@ -307,7 +307,7 @@ def test_the_command_tells_what_differs(files: tuple[Path, Path, Path], shell: S
     assert lines[0] == "different (byte for byte); the first difference:"
     assert lines[1].startswith("  estimate 11 at ")
     assert lines[2].startswith(
-        f"equal before it: {engine_before(estimate_11())} of 139 messages (the engine's), up to "
+        f"equal before it: {engine_before(estimate_11())} of 139 messages in A, 139 in B (the engine's), up to "
     )
     assert any(line.split() == ["│", "estimate", "│", "33", "│", "33", "│", "1", "│"] for line in lines)
     assert lines[-1] == "config: key task.max_looks: 400 in A, 25 in B"

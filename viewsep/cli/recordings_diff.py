@@ -68,7 +68,7 @@ def _as_dict(a: Path, b: Path, found: Comparison, tolerance: float, start_ns: in
         "first": None if found.first is None else _difference(found.first, start_ns),
         "sequence": found.sequence or None,
         "equal_before": found.equal_before,
-        "of": found.of,
+        "of": {"a": found.of[0], "b": found.of[1]},
         "equal_until_s": None if found.equal_until_ns is None else (found.equal_until_ns - start_ns) / 1e9,
         "topics": {topic: asdict(counted) for topic, counted in found.topics.items()},
         "about": [_difference(difference, start_ns) for difference in found.about],
@@ -94,7 +94,8 @@ def _tell(
         _say(f"  {found.first.text if found.sequence else f'{found.first.topic}: {found.first.text}'}")
     if found.sequence:
         until = "" if found.equal_until_ns is None else f", up to {(found.equal_until_ns - start_ns) / 1e9:.3f} s"
-        _say(f"equal before it: {found.equal_before:,} of {found.of:,} messages ({found.sequence}){until}")
+        of = f"{found.of[0]:,} messages in A, {found.of[1]:,} in B"
+        _say(f"equal before it: {found.equal_before:,} of {of} ({found.sequence}){until}")
         table = Table("topic", "in A", "in B", "differ")
         for topic, counted in found.topics.items():
             if counted.a or counted.b:
