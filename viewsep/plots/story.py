@@ -16,7 +16,7 @@ from viewsep.interpretation.interpreter import PathInterpreter, PathState
 from viewsep.messages import Array, FloatArray, Percept, PerceptReceived, Phase, Result, TaskStarted
 from viewsep.models.aspect_graph import AspectGraph
 from viewsep.recordings.codec import RecordedFrame
-from viewsep.recordings.reader import Recording
+from viewsep.recordings.reader import Recorded, Recording
 from viewsep.recordings.replay import replay, restore
 
 
@@ -25,7 +25,7 @@ class Look:
     """One iteration of the interpretation; `phase` is the one the view was seen in.
 
     `plan` is the belief that chose the separating view that was driven to or stood at, None while exploring. `leads`
-    says who led (its index, or -1) and at how many judged looks in a row.
+    says who led (its index, or -1) and at how many judged looks in a row; `travel_rad` is the way up to this look.
     """
 
     percept: Percept
@@ -33,6 +33,7 @@ class Look:
     belief: Interpretation
     plan: Interpretation | None
     leads: tuple[int, int]
+    travel_rad: float
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -64,6 +65,13 @@ class Story:
     frames: list[RecordedFrame]
 
     @property
+    def messages(self) -> tuple[Recorded, ...]:
+        """What was heard from the beginning of the task on."""
+        heard = self.recording.messages
+        begins = [i for i, recorded in enumerate(heard) if isinstance(recorded.message, TaskStarted)]
+        return heard[begins[-1] if begins else 0 :]
+
+    @property
     def result(self) -> Result | None:
         """What the engine concluded when it was given the recorded events again."""
         return self.end.result if self.end else None
@@ -93,6 +101,12 @@ class Story:
     def separating_views(self) -> FloatArray:
         """(T, 3) where the targets lie."""
         return np.array([target.direction for target in self.targets]).reshape(-1, 3)
+
+    @property
+    def judged(self) -> list[Look]:
+        """The looks that were near enough to a separating view to decide."""
+        before = [(-1, 0), *(look.leads for look in self.looks)]
+        return [look for look, leads in zip(self.looks, before, strict=False) if look.leads != leads]
 
     @property
     def ranking(self) -> list[int]:
@@ -160,7 +174,7 @@ def retell(recording: Recording) -> Story:
             looks, targets, course = [], [], []
         if isinstance(step.event, PerceptReceived) and end.belief is not None and end.belief is not before.belief:
             plan = targets[-1].belief if targets and before.phase in (Phase.APPROACHING, Phase.JUDGING) else None
-            looks.append(Look(step.event.percept, before.phase, end.belief, plan, end.leads))
+            looks.append(Look(step.event.percept, before.phase, end.belief, plan, end.leads, end.travel_rad))
         target = end.move_plan.target if end.move_plan else None
         known = before.move_plan.target if before.move_plan else None
         if target is not None and end.belief and (known is None or not np.array_equal(target, known)):
