@@ -20,7 +20,7 @@ def report(
 ) -> None:
     """Tell what happened in a recording: pictures, paths on the view sphere, ratings, comparisons, what decided.
 
-    A page is one file that needs no network; a picture has the figures only.
+    A page is one file that needs no network and goes into every detail; a picture tells it at a glance.
 
     Examples:
 

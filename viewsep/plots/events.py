@@ -78,7 +78,7 @@ def _of_moves(story: Story) -> Iterator[tuple[int, str, str]]:
 def _of_plans(story: Story) -> Iterator[tuple[int, str, str]]:
     for target in story.targets:
         rivals = [model.name for model, rival in zip(story.models, target.belief.plausible, strict=True) if rival]
-        words = f"Separating view chosen: {' and '.join(rivals)} differ most at {seen_from(target.direction)}."
+        words = f"A separating view is chosen, where {' and '.join(rivals)} differ: {seen_from(target.direction)}."
         yield target.stamp_ns, "plan", words
     for stamp_ns, phase in story.course:
         if phase is Phase.JUDGING:

@@ -37,7 +37,10 @@ class Fact:
 
 @dataclass(frozen=True, slots=True)
 class Rated:
-    """A candidate's last rating; `percent` is the length of its bar, `standing` what the rating means for it."""
+    """A candidate's last rating; `percent` is the length of its bar, `standing` what the rating means for it.
+
+    `true` says that it is what the rig held.
+    """
 
     name: str
     colour: str
@@ -45,6 +48,7 @@ class Rated:
     times: str
     percent: float
     standing: str
+    true: bool
 
 
 def key_figures(story: Story) -> list[Fact]:
@@ -79,10 +83,9 @@ def rated_candidates(story: Story) -> list[Rated]:
     rows = []
     for k, (name, rating, times) in zip(story.ranking, final_ratings(story), strict=False):
         standing = "" if factor is None else "ruled out" if times >= factor else "possible"
+        standing = "named" if name == named else standing
         colour = css_colour(line_style(story, k)[0])
-        rows.append(
-            Rated(name, colour, f"{rating:.3g}", f"{times:.1f}", bar(times), "named" if name == named else standing)
-        )
+        rows.append(Rated(name, colour, f"{rating:.3g}", f"{times:.1f}", bar(times), standing, name == story.truth))
     return rows
 
 

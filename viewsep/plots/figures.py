@@ -14,6 +14,7 @@ from viewsep.plots import panels
 from viewsep.plots.panels import SPHERES, line_style
 from viewsep.plots.story import Story
 from viewsep.plots.svg import css_colour, inline
+from viewsep.plots.telling import counted
 
 SPHERE_IN, CURVE_IN = (3.6, 3.6), (4.6, 3.0)
 LONG = 100  # looks; longer lines have no marks
@@ -86,10 +87,9 @@ def difference_drawings(story: Story) -> tuple[list[Drawing], str]:
         label = f"View sphere coloured by how much the candidates differ, {name}"
         drawings.append(Drawing(inline(figure, f"d{len(drawings)}", label), "", ""))
     when = "when the last separating view was chosen" if story.targets else "at the end"
-    greatest = f"{graph.smoothed.max():.2g}"
     return drawings, (
-        f"How much {count} candidates differ in each direction, {when} ({iteration} looks after the paths began). "
-        f"Dark blue: not at all; yellow: most (a variance of the features of {greatest}, smoothed)."
+        f"How much {count} candidates differ in each direction, {when}, with paths of {counted(iteration, 'look')}. "
+        f"Dark blue: not at all; yellow: most (a smoothed variance of the features of {graph.smoothed.max():.2g})."
     )
 
 
@@ -97,8 +97,8 @@ def curve_drawings(story: Story) -> list[Drawing]:
     """Ratings, path course, comparisons and variance over the looks."""
     drawings: list[Drawing] = []
     for draw, title, caption in CURVES if story.looks else ():
-        figure = Figure(figsize=CURVE_IN, layout="constrained")
-        axes = figure.add_subplot()
+        figure = Figure(figsize=CURVE_IN)
+        axes = figure.add_axes((0.14, 0.15, 0.845, 0.83))
         draw(axes, story)
         title = axes.get_title("left") or title
         axes.set_title("", loc="left")

@@ -5,6 +5,7 @@ The texts are filled into `templates/page.html`, which escapes them; the page's 
 
 from __future__ import annotations
 
+import re
 from base64 import b64encode
 from dataclasses import dataclass
 from hashlib import sha256
@@ -12,7 +13,7 @@ from importlib.resources import files
 from pathlib import Path
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
-from markupsafe import Markup
+from markupsafe import Markup, escape
 
 from viewsep import __version__
 from viewsep.files import write_whole
@@ -27,7 +28,7 @@ from viewsep.plots.sphere import RED, YELLOW
 from viewsep.plots.steps import steps_of
 from viewsep.plots.story import Look, Story, retell
 from viewsep.plots.svg import css_colour
-from viewsep.plots.telling import decide, factor_of, outcome_in_words, seen_from
+from viewsep.plots.telling import decide, factor_of, outcome_in_words, rig_in_words, seen_from
 from viewsep.plots.timeline import axis_of, rows_of
 from viewsep.recordings.reader import Recording
 
@@ -59,6 +60,7 @@ def page_of(story: Story, source: str = "") -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    environment.filters["breakable"] = _breakable
     script = _packaged("page.js")
     spheres, curves = sphere_drawings(story), curve_drawings(story)
     differences, difference_words = difference_drawings(story)
@@ -76,6 +78,7 @@ def page_of(story: Story, source: str = "") -> str:
         source=source,
         version=__version__,
         decision=decide(story),
+        rig=rig_in_words(story.config)[1],
         differs=story.differs,
         recorded=outcome_in_words(story.recorded),
         replayed=outcome_in_words(story.result),
@@ -108,6 +111,11 @@ def page_of(story: Story, source: str = "") -> str:
 
 def _packaged(name: str) -> Markup:
     return Markup((files("viewsep.plots") / "templates" / name).read_text(encoding="utf-8"))
+
+
+def _breakable(name: str) -> Markup:
+    """A name that may be broken where its words end."""
+    return Markup(re.sub(r"(?<=[_.-])(?=\w)", "<wbr>", str(escape(name))))
 
 
 def _lines(story: Story) -> list[tuple[str, str, str]]:

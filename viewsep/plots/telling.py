@@ -85,11 +85,11 @@ def rig_in_words(config: Config) -> tuple[str, str]:
     """The rig's name, and what of it is simulated."""
     name, backend = geometry_of(config.rig).name, config.rig.backend
     if backend == "photos":
-        return name, "a simulated plate over real photos"
+        return name, "simulated plate over real photos"
     if backend == "dynamixel":
         moves = "emulated servos" if is_emulated(config) else f"servos on {config.dynamixel.port}"
         return name, f"{moves}, simulated camera"
-    return name, "simulated, not a real one"
+    return name, "simulated rig, not a real one"
 
 
 def seen_from(direction: FloatArray) -> str:

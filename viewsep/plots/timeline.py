@@ -120,10 +120,10 @@ def rows_of(story: Story) -> list[Row]:
     axis = axis_of(story)
 
     def span(begin_ns: int, end_ns: int, kind: str, words: str) -> Span:
-        left = axis.percent(begin_ns)
-        width = max(NARROWEST, axis.percent(end_ns) - left)
+        width = max(NARROWEST, axis.percent(end_ns) - axis.percent(begin_ns))
+        left = min(axis.percent(begin_ns), 100.0 - width)
         lasted = f" to {axis.seconds(end_ns):.1f}" if end_ns > begin_ns else ""
-        return Span(left, round(width, 3), kind, f"{words}, {axis.seconds(begin_ns):.1f}{lasted} s")
+        return Span(round(left, 3), round(width, 3), kind, f"{words}, {axis.seconds(begin_ns):.1f}{lasted} s")
 
     def moment(stamp_ns: int, kind: str, words: str) -> Span:
         return span(stamp_ns, stamp_ns, kind, words)
