@@ -3,7 +3,7 @@ PYTHON ?= python3.11
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: env demo test lint types contracts unit wheel test-long test-hardware-in-vm schemas clean
+.PHONY: env demo test lint types contracts unit wheel test-long test-browser test-hardware-in-vm schemas clean
 
 env: $(VENV)/.up-to-date
 
@@ -32,12 +32,16 @@ contracts: env
 	$(BIN)/lint-imports
 
 unit: env
-	$(BIN)/python -m pytest -m "not alone and not long" --numprocesses auto --dist loadfile
+	$(BIN)/python -m pytest -m "not alone and not long and not browser" --numprocesses auto --dist loadfile
 	$(BIN)/python -m pytest -m "alone and not long"
 
 # Whole tasks and the contract of motion on more rigs of emulated servos: a minute.
 test-long: env
 	$(BIN)/python -m pytest -m long
+
+# The report's page in headless Chromium; says so where there is none (apt-get install --no-install-recommends chromium).
+test-browser: env
+	$(BIN)/python -m pytest -m browser tests/browser
 
 wheel: env
 	$(BIN)/python tests/wheel_install.py

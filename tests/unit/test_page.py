@@ -50,7 +50,7 @@ ROOT = Path(__file__).parents[2]
 GOLDEN = ROOT / "tests" / "golden" / "v1.mcap"
 TEMPLATES = ROOT / "viewsep" / "plots" / "templates"
 VOID = {"meta", "img", "br", "wbr", "input", "link"}
-NASTY = "a\"b'<script>alert(1)</script>&amp;{{ 7 * 7 }}\u202e$x^{"
+NASTY = "a\"b'<script>alert(1)</script>&amp;{{ 7 * 7 }}$x^{"
 POLICY = (
     "default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src 'sha256-{}'; base-uri 'none'; "
     "form-action 'none'"
@@ -141,7 +141,7 @@ def strange(tmp_path_factory: pytest.TempPathFactory) -> Page:
     """Three candidates with names that a library would refuse, cancelled for a strange reason, without pictures."""
     heard: list[Message] = [message for message in way(7) if not isinstance(message, Frame)]
     heard += [FrameMissing(50, f"{NASTY} missing"), CancelRequested(99, f"{NASTY} wishes it")]
-    names = [f"{NASTY} one", "<b>two</b>", "_three \u7bb1"]
+    names = [f"{NASTY} one", "<b>two</b>", "_three \u7bb1\u202e\x01"]
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(library, "NAME", re.compile(".*"))
         path = tmp_path_factory.mktemp("strange") / "a.mcap"
@@ -246,7 +246,13 @@ def test_the_policy_allows_the_page_s_own_script_and_nothing_else(any_page: Page
 def test_names_are_texts_and_never_markup(strange: Page) -> None:
     assert "alert(1)" not in strange.all("script")[-1].text
     assert [e.text.strip() for e in strange.all("b") if "style" not in e.attributes] == [""]  # that of the heading
-    for said in (f"{NASTY} one", "<b>two</b>", f"{NASTY} missing", f"Cancelled: {NASTY} wishes it", "_three \u7bb1"):
+    for said in (
+        f"{NASTY} one",
+        "<b>two</b>",
+        f"{NASTY} missing",
+        f"Cancelled: {NASTY} wishes it",
+        "_three \u7bb1\ufffd\ufffd",
+    ):
         assert " ".join(said.split()) in strange.text
     assert f"It was {NASTY} truth." in strange.one("h1").text
     assert f"{NASTY}?.mcap" in strange.text

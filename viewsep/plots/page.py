@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from hashlib import sha256
 from importlib.resources import files
 from pathlib import Path
+from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
@@ -31,6 +32,9 @@ from viewsep.plots.svg import css_colour
 from viewsep.plots.telling import decide, factor_of, outcome_in_words, rig_in_words, seen_from
 from viewsep.plots.timeline import axis_of, rows_of
 from viewsep.recordings.reader import Recording
+
+UNSEEN = (*range(0x09), 0x0B, 0x0C, *range(0x0E, 0x20), 0x7F, *range(0x202A, 0x202F), *range(0x2066, 0x206A))
+"""Control characters, which have no look of their own, and marks that turn the direction of what follows."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,6 +61,7 @@ def page_of(story: Story, source: str = "") -> str:
         loader=PackageLoader("viewsep.plots"),
         autoescape=True,
         undefined=StrictUndefined,
+        finalize=_visible,
         trim_blocks=True,
         lstrip_blocks=True,
     )
@@ -111,6 +116,11 @@ def page_of(story: Story, source: str = "") -> str:
 
 def _packaged(name: str) -> Markup:
     return Markup((files("viewsep.plots") / "templates" / name).read_text(encoding="utf-8"))
+
+
+def _visible(value: Any) -> Any:
+    """Texts with a sign for every character that would not be seen."""
+    return value.translate(dict.fromkeys(UNSEEN, "\ufffd")) if isinstance(value, str) else value
 
 
 def _breakable(name: str) -> Markup:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -11,7 +12,7 @@ from viewsep.messages import CandidateEstimate
 from viewsep.plots.snapshots import address, snapshots, spread
 from viewsep.plots.story import Story
 from viewsep.plots.telling import seen_from
-from viewsep.plots.timeline import axis_of
+from viewsep.plots.timeline import Axis, axis_of
 
 STRIP = 24  # thumbnails that are shown at once
 MOST = 500  # looks to step through
@@ -63,7 +64,8 @@ def steps_of(story: Story) -> Steps:
     shown = {places[i] for i in spread(len(places), STRIP)}
     strip = [_thumbnail(story, place, pictures[place]) for place in places if place in shown]
     sources = [f"#look-{place + 1}" if place in shown else address(pictures[place], "webp") for place in places]
-    steps = [_step(story, look, places) for look in spread(len(story.looks), MOST)]
+    axis = axis_of(story)
+    steps = [_step(story, look, places, axis) for look in spread(len(story.looks), MOST)]
     return Steps(strip, steps, sources)
 
 
@@ -73,10 +75,10 @@ def _thumbnail(story: Story, place: int, picture: bytes) -> Thumbnail:
     return Thumbnail(place + 1, look.phase.value, address(picture, "webp"), words)
 
 
-def _step(story: Story, index: int, pictured: list[int]) -> Step:
+def _step(story: Story, index: int, pictured: list[int], axis: Axis) -> Step:
     """The step of the look at `index`; looks without a picture show the one before."""
-    look, axis = story.looks[index], axis_of(story)
-    before = sum(place <= index for place in pictured) - 1
+    look = story.looks[index]
+    before = bisect_right(pictured, index) - 1
     estimates = look.belief.estimate.candidates
     best = min(candidate.rating for candidate in estimates)
     return Step(

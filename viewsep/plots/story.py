@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from bisect import bisect_left
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -45,7 +46,7 @@ class Target:
     belief: Interpretation
 
 
-@dataclass(frozen=True, eq=False, slots=True)
+@dataclass(frozen=True, eq=False)
 class Story:
     """A replayed recording; `course` holds the phases and when each began, `frames` are in order of time.
 
@@ -64,7 +65,7 @@ class Story:
     recorded: Result | None
     frames: list[RecordedFrame]
 
-    @property
+    @cached_property
     def messages(self) -> tuple[Recorded, ...]:
         """What was heard from the beginning of the task on."""
         heard = self.recording.messages
@@ -92,23 +93,23 @@ class Story:
         named = self.result.object if self.result else ""
         return named == self.truth if named and self.truth else None
 
-    @property
+    @cached_property
     def controlled(self) -> FloatArray:
         """(H, 3) the controlled path."""
         return np.array([look.percept.view_direction for look in self.looks]).reshape(-1, 3)
 
-    @property
+    @cached_property
     def separating_views(self) -> FloatArray:
         """(T, 3) where the targets lie."""
         return np.array([target.direction for target in self.targets]).reshape(-1, 3)
 
-    @property
+    @cached_property
     def judged(self) -> list[Look]:
         """The looks that were near enough to a separating view to decide."""
         before = [(-1, 0), *(look.leads for look in self.looks)]
         return [look for look, leads in zip(self.looks, before, strict=False) if look.leads != leads]
 
-    @property
+    @cached_property
     def ranking(self) -> list[int]:
         """Candidates in the order of their last rating, best first."""
         if not self.looks:
