@@ -144,10 +144,10 @@ def _shown_look(story: Story) -> tuple[Look | None, str]:
     """The look at the separating view that was reached last, or else the last one; and what to call it."""
     for number in range(len(story.looks), 0, -1):
         if story.looks[number - 1].phase is Phase.JUDGING:
-            return story.looks[number - 1], f"At the separating view, look {number}"
+            return story.looks[number - 1], f"Separating view, look {number}"
     if not story.looks:
-        return None, "The last picture"
-    return story.looks[-1], f"The last view, look {len(story.looks)}"
+        return None, "Last picture"
+    return story.looks[-1], f"Last view, look {len(story.looks)}"
 
 
 def _camera_views(story: Story) -> list[View]:
@@ -159,7 +159,7 @@ def _camera_views(story: Story) -> list[View]:
         return [View(large(story.frames[-1].decode().image), title, "No view was interpreted")]
     return [
         View(large(story.frame_at(look).decode().image), name, f"From {seen_from(look.percept.view_direction)}")
-        for look, name in ((story.looks[0], "At the start, look 1"), (shown, title))
+        for look, name in ((story.looks[0], "Start, look 1"), (shown, title))
     ]
 
 
