@@ -2,8 +2,9 @@
 PYTHON ?= python3.11
 VENV := .venv
 BIN := $(VENV)/bin
+QUICK := not long and not readers and not browser
 
-.PHONY: env demo test lint types contracts unit wheel test-long test-readers test-hardware-in-vm schemas golden clean
+.PHONY: env demo test lint types contracts unit wheel test-long test-readers test-browser test-hardware-in-vm schemas golden clean
 
 env: $(VENV)/.up-to-date
 
@@ -32,8 +33,8 @@ contracts: env
 	$(BIN)/lint-imports
 
 unit: env
-	$(BIN)/python -m pytest -m "not alone and not long and not readers" --numprocesses auto --dist loadfile
-	$(BIN)/python -m pytest -m "alone and not long and not readers"
+	$(BIN)/python -m pytest -m "not alone and $(QUICK)" --numprocesses auto --dist loadfile
+	$(BIN)/python -m pytest -m "alone and $(QUICK)"
 
 # Whole tasks and the contract of motion on more rigs of emulated servos: a minute.
 test-long: env
@@ -42,6 +43,10 @@ test-long: env
 # Recordings in readers that are not ours: @mcap/core for JavaScript (needs node and npm, loads it) and Rerun's.
 test-readers: env
 	$(BIN)/python -m pytest -m readers
+
+# The report's page in headless Chromium; says so where there is none (apt-get install --no-install-recommends chromium).
+test-browser: env
+	$(BIN)/python -m pytest -m browser tests/browser
 
 wheel: env
 	$(BIN)/python tests/wheel_install.py

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -11,48 +11,24 @@ import cv2
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
+from told_tasks import DESCRIPTOR, model, record, way
 
 from viewsep.config import Config, parse_config
-from viewsep.descriptors.cch import ColourCooccurrence
 from viewsep.errors import BadInput
-from viewsep.geometry import delaunay_edges, equidistant_sphere, fibonacci_sphere, great_circle
+from viewsep.geometry import fibonacci_sphere
 from viewsep.messages import (
     Array,
     CancelRequested,
     DeadlinePassed,
     Frame,
     Message,
-    MoveSettled,
-    Percept,
-    PerceptReceived,
-    TaskStarted,
 )
-from viewsep.models.aspect_graph import AspectGraph, Provenance
 from viewsep.perception import RigPerception
 from viewsep.plots.contact_sheet import contact_sheet, sheet_order
 from viewsep.plots.report import report
 from viewsep.plots.sphere import SphereView, along_arcs, draw_globe, draw_path
 from viewsep.recording import task_recorder
 from viewsep.recordings.reader import Recording, read_recording
-
-DESCRIPTOR = ColourCooccurrence()
-VIEWS = 30
-
-
-def model(name: str, seed: int, views: int = VIEWS, *, directions: Array | None = None) -> AspectGraph:
-    rng = np.random.default_rng(seed)
-    features = rng.random((views, DESCRIPTOR.size), np.float32)
-    directions = equidistant_sphere(views, 30) if directions is None else directions
-    return AspectGraph(
-        name=name,
-        directions=directions,
-        edges=delaunay_edges(directions),
-        features=features / features.sum(axis=1, keepdims=True),
-        thumbnails=rng.integers(0, 256, (views, 12, 10, 3), np.uint8),
-        descriptor=DESCRIPTOR.name,
-        descriptor_parameters=DESCRIPTOR.parameters,
-        provenance=Provenance("nowhere", "0", "test"),
-    )
 
 
 def read_png(path: Path) -> Array:
@@ -63,28 +39,6 @@ def read_png(path: Path) -> Array:
     assert image is not None
     assert image.std() > 5
     return image
-
-
-def way(count: int) -> list[Message]:
-    """A task with `count` percepts seen along an arc, with a picture for each."""
-    rng = np.random.default_rng(5)
-    start, end = np.array([1.0, 0.0, 0.0]), np.array([-0.6, 0.0, 0.8])
-    seen: list[Message] = [TaskStarted(0, 3, start), MoveSettled(1, 0)]
-    shown = model("shown", 1).features
-    for i, view in enumerate(great_circle(start, end, float(np.radians(8)))[:count]):
-        picture = rng.integers(0, 256, (48, 64, 3), np.uint8)
-        seen.append(Frame(10 + i, i, picture, None))
-        seen.append(PerceptReceived(Percept(10 + i, i, DESCRIPTOR.name, shown[i % VIEWS], view)))
-    return seen
-
-
-def record(path: Path, heard: Sequence[Message], candidates: int = 2, truth: str = "object_0") -> Recording:
-    models = [model(f"object_{i}", i + 1) for i in range(candidates)]
-    config = parse_config({"descriptor": {"name": DESCRIPTOR.name}}, "test")
-    with task_recorder(path, config, models, 3, truth) as recorder:
-        for stamp_ns, message in enumerate(heard):
-            recorder.hear(stamp_ns, message)
-    return read_recording(path)
 
 
 # Contact sheets

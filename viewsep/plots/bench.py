@@ -25,7 +25,7 @@ from viewsep.interpretation.interpreter import Alignment, PathOptions
 from viewsep.messages import FloatArray, Phase
 from viewsep.plots.answers import failures, outcomes, plain
 from viewsep.plots.contact_sheet import short_name, write_png
-from viewsep.plots.report import SHADES
+from viewsep.plots.panels import SHADES
 from viewsep.plots.sphere import RED
 
 Draw = Callable[[Report], Figure | None]
