@@ -8,7 +8,7 @@ from rich.console import RenderableType
 from rich.table import Column, Table
 from rich.text import Text
 
-from viewsep.service.status import CandidateStatus, EngineStatus, ResultStatus, RigStatus, Status
+from viewsep.service.status import CandidateStatus, EngineStatus, ReplayStatus, ResultStatus, RigStatus, Status
 
 
 def tables(status: Status) -> Iterator[RenderableType]:
@@ -22,9 +22,15 @@ def tables(status: Status) -> Iterator[RenderableType]:
 
 def _overview(status: Status) -> Table:
     table = Table("", "state", title=f"{status.name} (viewsep {status.build.get('viewsep', 'of an unknown version')})")
-    for name, said in (*_rig_rows(status.rig), *_engine_rows(status.engine)):
+    for name, said in (*_replay_rows(status.replay), *_rig_rows(status.rig), *_engine_rows(status.engine)):
         table.add_row(name, Text(said))  # as text: others wrote it, and it may look like markup
     return table
+
+
+def _replay_rows(replay: ReplayStatus | None) -> Iterator[tuple[str, str]]:
+    if replay is not None:
+        pace = f"at pace {replay.pace:g}" if replay.pace else "as fast as possible"
+        yield "replay", f"of {replay.file}, {pace}: {replay.position_s:.1f} of {replay.duration_s:.1f} s; nothing moves"
 
 
 def _rig_rows(rig: RigStatus | None) -> Iterator[tuple[str, str]]:

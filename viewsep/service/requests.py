@@ -30,6 +30,7 @@ class Code(StrEnum):
     FAULT = "fault"  # of the rig, or of the file system
     RIG_LOST = "rig_lost"
     UNAVAILABLE = "unavailable"  # shutting down
+    REPLAY = "replay"  # a recording is played: there is no rig
     INTERNAL = "internal"
 
 

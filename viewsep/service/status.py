@@ -129,8 +129,18 @@ class EngineStatus(Said):
     uptime_s: float
 
 
+class ReplayStatus(Said):
+    """What is played as if it were live: `pace` is recorded seconds per second (0: as fast as possible)."""
+
+    file: str
+    pace: float
+    position_s: float
+    duration_s: float
+
+
 class Status(Said):
-    """The whole: `name` is the rig's; `alive` are the roles whose liveliness tokens are seen."""
+    """The whole: `name` is the rig's; `alive` are the roles whose liveliness tokens are seen. Where `replay` is not
+    null there is no rig: a recording is played."""
 
     schema_: str = STATUS_SCHEMA
     name: str
@@ -139,6 +149,7 @@ class Status(Said):
     unix_ns: int
     rig: RigStatus | None = None
     engine: EngineStatus | None = None
+    replay: ReplayStatus | None = None
 
     model_config = ConfigDict(
         extra="ignore",
@@ -158,5 +169,6 @@ def merge(parts: Sequence[Status]) -> Status:
         raise ValueError("no part of a status")
     rig = next((part.rig for part in parts if part.rig), None)
     engine = next((part.engine for part in parts if part.engine), None)
+    replay = next((part.replay for part in parts if part.replay), None)
     alive = tuple(sorted({role for part in parts for role in part.alive}))
-    return parts[0].model_copy(update={"rig": rig, "engine": engine, "alive": alive})
+    return parts[0].model_copy(update={"rig": rig, "engine": engine, "replay": replay, "alive": alive})

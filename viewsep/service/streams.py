@@ -55,6 +55,10 @@ class Streams:
             self._sent[topic] += 1
             self._publishers[topic].put(payload, attachment=attachment(sequence, stamp_ns))
 
+    def watched(self) -> frozenset[str]:
+        """The topics that somebody subscribes to."""
+        return frozenset(topic for topic, publisher in self._publishers.items() if _watched(publisher))
+
     def close(self) -> None:
         """Undeclare all of them."""
         for publisher in self._publishers.values():
