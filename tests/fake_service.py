@@ -103,6 +103,7 @@ class FakeService:
             "unix_ns": 1,
             "rig": json.loads(json.dumps(RIG)) if "rig" in roles else None,
             "engine": json.loads(json.dumps(ENGINE)) if "engine" in roles else None,
+            "replay": None,
         }
         self.asked: list[str] = []
         self.requests: list[tuple[str, Table]] = []

@@ -114,7 +114,12 @@ class Screen:
 
     def __enter__(self) -> Screen:
         pace = f"at pace {self._playback.pace:g}" if self._playback.pace else "as fast as possible"
-        people.print(f"playing {self._file}, {self._playback.duration_s:.1f} s, {pace}", soft_wrap=True, markup=False)
+        people.print(
+            f"playing {self._file}, {self._playback.duration_s:.1f} s, {pace}",
+            soft_wrap=True,
+            markup=False,
+            highlight=False,
+        )
         if people.is_terminal:
             self._live.start()
         return self
@@ -157,7 +162,9 @@ def _published(
 
     show_log()
     rig = stack.enter_context(ReplayedRig(service, recording, file, playback))
-    people.print(f"published as rig {service.name} on {' '.join(service.listen)}", soft_wrap=True, markup=False)
+    people.print(
+        f"published as rig {service.name} on {' '.join(service.listen)}", soft_wrap=True, markup=False, highlight=False
+    )
     return rig
 
 

@@ -54,8 +54,8 @@ class Shown:
         self._holds = told.get("truth", "")
         self._seed = int(told["seed"]) if told.get("seed", "").isdecimal() else None
         self._has_pictures = bool(recording.frames)
-        missing = f"messages are missing at {len(recording.gaps)} places of {file}"
-        self._faults = (missing,) if recording.gaps else ()
+        gaps = len(recording.gaps)
+        self._faults = (f"messages are missing at {gaps} place{'s' * (gaps > 1)} of {file}",) if gaps else ()
         self._file = file
         self._playback = playback
         self._lock = threading.RLock()
