@@ -180,6 +180,8 @@ class Interpretation:
     one pose per candidate; `converged` is True when the poses are good enough to plan with; `plausible` is (K,) bool,
     the candidates worth separating; `leader` is the index of the candidate that would be named if judged now, or -1;
     `fresh` is True while there is too little evidence since the interpreter (re)started: plans made before do not hold.
+    `reason` is empty for ratings that decide near a separating view only; an interpreter that is sure of its leader
+    wherever it looked says there why.
     """
 
     estimate: Estimate
@@ -188,6 +190,7 @@ class Interpretation:
     plausible: Array
     leader: int
     fresh: bool
+    reason: str = ""
 
 
 class Interpreter(Protocol):

@@ -33,7 +33,7 @@ def painted(directions: FloatArray, seed: int, twin: bool = False) -> Array:
     centres /= np.linalg.norm(centres, axis=1, keepdims=True)
     shown = np.exp(3.0 * directions @ centres.T)
     if twin:
-        shown[:, 0] *= 1.0 + 4.0 * np.maximum(directions[:, 2] - 0.6, 0.0)
+        shown[:, :4] *= 1.0 + 20.0 * np.maximum(directions[:, 2:] - 0.5, 0.0)
     return (shown / shown.sum(axis=1, keepdims=True)).astype(np.float32)
 
 
@@ -169,10 +169,8 @@ def test_twins_are_told_apart_only_where_they_differ() -> None:
     for percept in seen(hidden, rotation, 1):
         state, belief = machine.update(state, percept)
     assert belief.leader == -1
-    shown = (
-        rotation @ unit(np.array([[0.1, 0.1, 1.0], [-0.2, 0.1, 1.0], [0.2, -0.1, 1.0], [0.0, -0.3, 1.0]]))[..., None]
-    )
-    for percept in seen(shown[..., 0], rotation, 1):
+    poles = unit(np.array([[0.1, 0.1, 1.0], [-0.3, 0.1, 1.0], [0.3, -0.2, 1.0], [0.0, -0.4, 1.0]]))
+    for percept in seen(poles @ rotation.T, rotation, 1):
         state, belief = machine.update(state, percept)
     assert belief.leader == 0
 

@@ -119,6 +119,8 @@ class Engine:
                 target=target,
             ),
         )
+        if belief.leader >= 0 and belief.reason:
+            return self._end(state, identification(state, belief))
         if self._judges(state, percept.view_direction):
             state = replace(state, leads=_leads(state, belief.leader))
             if belief.leader >= 0 and state.leads[1] >= self.limits.confirming_looks:

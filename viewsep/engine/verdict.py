@@ -15,7 +15,8 @@ def identification(state: EngineState, belief: Interpretation) -> Result:
     others = [candidate for candidate in belief.estimate.candidates if candidate.name != leader.name]
     next_best = min(others, key=lambda candidate: candidate.rating)
     factor = next_best.rating / leader.rating
-    reason = f"its path rates {factor:.1f} times better than that of {next_best.name} at a separating view"
+    seed = f"its path rates {factor:.1f} times better than that of {next_best.name} at a separating view"
+    reason = belief.reason or seed
     return _result(state, belief.estimate.stamp_ns, Outcome.IDENTIFIED, leader.name, reason)
 
 

@@ -40,7 +40,7 @@ class FilterOptions:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class FilterState:
-    """`log_p` (K, G) float32 and `log_none` are logarithms of probabilities that sum to one; `view` (3,) the last one."""
+    """`log_p` (K, G) float32 and `log_none` are logarithms of probabilities that sum to 1; `view` (3,) was the last."""
 
     log_p: Array
     log_none: float
@@ -82,12 +82,8 @@ class FilterInterpreter:
         top = max(float(log_p.max()), log_none)
         log_p = np.maximum(log_p - np.float32(top), np.float32(-self.options.floor))
         total = float(np.log(np.exp(log_p).sum(dtype=np.float64) + np.exp(log_none - top)))
-        after = FilterState(
-            log_p - np.float32(total),
-            max(log_none - top, -self.options.floor) - total,
-            percept.view_direction,
-            state.looks + 1,
-        )
+        log_none = max(log_none - top, -self.options.floor) - total
+        after = FilterState(log_p - np.float32(total), log_none, percept.view_direction, state.looks + 1)
         return after, self._interpret(after, percept, likelihood)
 
     def hypotheses(self, state: FilterState, stamp_ns: int) -> HypothesisViews:
@@ -136,7 +132,11 @@ class FilterInterpreter:
             travel_rad=0.0,
             target=None,
         )
-        return Interpretation(estimate, rotations, bool(poses[order[0]][1] < limit), plausible, leader, fresh=False)
+        reason = ""
+        if leader >= 0:
+            reason = f"its probability is {probability[leader]:.4f} after {state.looks} looks"
+        converged = bool(poses[order[0]][1] < limit)
+        return Interpretation(estimate, rotations, converged, plausible, leader, fresh=False, reason=reason)
 
     def _pose(self, log_p: Array) -> tuple[FloatArray, float]:
         """The mean rotation around the best one (3, 3), and the mean squared angle to it over all."""

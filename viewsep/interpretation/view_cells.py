@@ -1,6 +1,6 @@
 """The view sphere cut into small cells of about equal size, and what a model shows in each of them.
 
-Six faces of a cube, each divided evenly in angle: a direction's cell is found without a search, at the poles as elsewhere.
+Six faces of a cube, each divided evenly in angle: a cell is found without a search, at the poles as elsewhere.
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ class Interpolation:
 
     @staticmethod
     def of(model: AspectGraph) -> Interpolation:
-        """Barycentric in the graph's triangles, along its edges where a cell lies in none, otherwise the nearest node."""
+        """Barycentric in the graph's triangles, along the nearest edge where a cell lies in none of them."""
         middles, directions = cell_directions(), model.directions
         reach = 0.75 * _spacing(model)
         nearest = np.argmax(middles @ directions.T, axis=1)
