@@ -12,6 +12,7 @@ from typing import BinaryIO
 from viewsep.errors import BadInput
 
 SUFFIX = ".part"
+BUFFER_BYTES = 1 << 20  # more than a chunk: what is written goes to the disk when it is flushed
 
 
 class PartFile:
@@ -32,7 +33,7 @@ class PartFile:
         if self.path.exists() and not self._overwrite:
             raise BadInput(f"{self.path}: exists already; choose another name or overwrite it explicitly")
         try:
-            file = self.part.open("ab" if self._overwrite else "xb")
+            file = self.part.open("ab" if self._overwrite else "xb", buffering=BUFFER_BYTES)
         except FileExistsError as error:
             raise BadInput(self._taken()) from error
         except OSError as error:

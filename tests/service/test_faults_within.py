@@ -105,7 +105,9 @@ def test_a_full_disk_fails_the_task_and_the_next_one_works(short: Mapping[str, A
 
 
 def test_a_disk_that_is_full_at_the_end_costs_the_recording(short: Mapping[str, Any], tmp_path: Path) -> None:
-    service = Serving(tmp_path, {**short, "recording": {"sync_s": 60.0}})  # nothing is written before the end
+    # nothing is written before the end: no time has come, and no chunk is full
+    few = {"recording": {"sync_s": 60.0, "keyframe_s": 0.0}, "task": {**short["task"], "max_looks": 12}}
+    service = Serving(tmp_path, {**short, **few})
     with serving(service), service.client() as client:
         task = client.start(seed=1)
         under_way(client)

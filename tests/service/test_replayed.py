@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import io
 import json
+import os
 import re
 import signal
+import threading
 import time
 from collections import defaultdict
 from collections.abc import Iterator, Mapping
@@ -20,7 +22,7 @@ from rich.console import Console
 from zenoh.handlers import FifoChannel
 
 from viewsep.cli import replay_live
-from viewsep.client import Client, LogLine, Received, RequestRefused, Stream, rigs
+from viewsep.client import Client, LogLine, NoAnswer, Received, RequestRefused, Stream, rigs
 from viewsep.config import ServiceConfig
 from viewsep.errors import BadConfig, BadInput
 from viewsep.recordings.codec import IMAGE_TOPIC, to_bytes
@@ -203,10 +205,7 @@ sys.exit(played.exit_code)
 
 def test_it_goes_on_until_ctrl_c_and_watching_it_ends_with_its_result(tmp_path: Path) -> None:
     service = served()
-    config = tmp_path / "rig.toml"
-    table = {"listen": list(service.listen), "listen_images": list(service.listen_images)}
-    config.write_text("[service]\n" + "".join(f"{key} = {json.dumps(value)}\n" for key, value in table.items()))
-    with running(PLAYS, str(GOLDEN), str(config)) as process:
+    with running(PLAYS, str(GOLDEN), str(_config(tmp_path, service))) as process:
         until(lambda: _seen(service), 20, "it is not there")
         with Client(connect=service.listen, timeout_s=10.0) as client, client.watch() as stream:
             assert client.rig == "bench"  # as it was recorded
@@ -226,22 +225,46 @@ def test_it_goes_on_until_ctrl_c_and_watching_it_ends_with_its_result(tmp_path: 
     assert out.splitlines()[-1] == "1 True"
 
 
+def test_ctrl_c_ends_the_wait_for_viewers(golden: Recording, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("viewsep.cli.serve.show_log", lambda: None)
+    service = served()
+
+    def interrupt_it() -> None:
+        until(lambda: _seen(service), 20, "it is not there")
+        os.kill(os.getpid(), signal.SIGINT)
+
+    thread = threading.Thread(target=interrupt_it)
+    thread.start()
+    played = replay_live.play(golden, GOLDEN, publish=True, config=_config(tmp_path, service), viewers_s=60.0)
+    thread.join()
+    assert played == replay_live.Played(0, 0, 0, True)
+    assert played.exit_code == 130
+
+
+def _config(folder: Path, service: ServiceConfig) -> Path:
+    """A configuration file that says where it is served, and nothing else."""
+    path = folder / "rig.toml"
+    table = {"listen": list(service.listen), "listen_images": list(service.listen_images)}
+    path.write_text("[service]\n" + "".join(f"{key} = {json.dumps(value)}\n" for key, value in table.items()))
+    return path
+
+
 def _seen(service: ServiceConfig) -> bool:
     try:
         return bool(rigs(service.listen, timeout_s=0.1))
-    except Exception:
+    except NoAnswer:
         return False
 
 
 def test_in_the_terminal_it_shows_how_far_it_is(golden: Recording, monkeypatch: pytest.MonkeyPatch) -> None:
     screen, out = Console(file=io.StringIO(), force_terminal=True, width=120), Console(file=io.StringIO(), width=200)
     monkeypatch.setattr(replay_live, "people", screen)
-    played = replay_live.play(golden, GOLDEN, 40.0, say=out)
+    played = replay_live.play(golden, GOLDEN, 0.0, say=out)
     assert played == replay_live.Played(1, 1240, 66, False)
     assert played.exit_code == 0
     assert isinstance(screen.file, io.StringIO)
     assert isinstance(out.file, io.StringIO)
-    for words in ("of 17.6 s", "exploring", "product_7_twin_face", "settled", "at pace 40"):
+    for words in ("as fast as possible", "17.6 of 17.6 s", "done", "look 33", "product_7_twin_face", "spread deg"):
         assert words in screen.file.getvalue()
     assert out.file.getvalue().startswith("It is product_7_twin_face: ")
 

@@ -385,9 +385,13 @@ CASES: dict[str, Case] = {
     "replay of a folder": Case("replay lib --verify", "lib: cannot be read"),
     "replay of a model": Case("replay lib/tea.viewsep --verify", "tea.viewsep: does not start as an MCAP file"),
     "replay of an empty file": Case(REPLAY, "run.mcap: is empty; record again", text("run.mcap", "")),
-    "replay of a changed byte": Case(REPLAY, "run.mcap: .*does not match its CRC; take", damaged("run.mcap", flipped)),
-    "replay of half a file": Case(REPLAY, "run.mcap: .*truncated; take a whole copy", damaged("run.mcap", half)),
-    "replay without events": Case(REPLAY, "the recording holds no events: nothing to replay"),
+    "replay of a changed byte": Case(
+        REPLAY, "run.mcap: .*does not match its CRC; .viewsep recordings recover", damaged("run.mcap", flipped)
+    ),
+    "replay of half a file": Case(
+        REPLAY, "run.mcap: .*truncated; .viewsep recordings recover", damaged("run.mcap", half)
+    ),
+    "replay without events": Case(REPLAY, "the recording holds no events that can be replayed"),
     "replay without percepts": Case("replay run.mcap --from-frames", "the recording holds no percepts"),
     "replay to no end": Case("replay run.mcap", "nothing to do: give --verify, --from-frames or --models"),
     "replay with another library": Case(

@@ -184,7 +184,7 @@ def test_the_key_figures_are_those_of_the_recording(page: Page, golden: Recordin
     assert "2026-11-27 06:39:44 UTC" in says
     assert "1 separating view reached" in says
     for name, digest in golden.metadata["models"].items():
-        assert name in page.text
+        assert f"{name} {digest[:8]}" in says
         assert digest in page.text
     for name in ("build", "session", "task"):
         for key, value in golden.metadata[name].items():
@@ -481,6 +481,7 @@ def test_many_looks_and_candidates_stay_small(tmp_path: Path) -> None:
     assert len(page.data["steps"]) == 400
     assert len(page.all("ol", class_="strip")[0].text.split()) == STRIP
     assert len(page.all("figure", class_="view mine")) == 12
+    assert ", and 8 more" in page.one("dl", class_="facts").text
     assert [len(row) for row in (page.data["steps"][0]["cells"], many.models)] == [12, 12]
 
 

@@ -223,7 +223,7 @@ def test_bad_places_and_names_are_refused(tmp_path: Path) -> None:
 
 
 def test_an_unwritable_folder_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def refuse(*_: object) -> None:
+    def refuse(*_: object, **__: object) -> None:
         raise PermissionError(errno.EACCES, "Permission denied")
 
     monkeypatch.setattr(Path, "open", refuse)
@@ -244,7 +244,7 @@ class SmallDisk(io.FileIO):
 
 @pytest.fixture
 def small_disk(monkeypatch: pytest.MonkeyPatch) -> type[SmallDisk]:
-    monkeypatch.setattr(Path, "open", lambda path, mode: io.BufferedWriter(SmallDisk(path, mode)))
+    monkeypatch.setattr(Path, "open", lambda path, mode, buffering=-1: io.BufferedWriter(SmallDisk(path, mode)))
     monkeypatch.setattr(SmallDisk, "room", 0)
     return SmallDisk
 

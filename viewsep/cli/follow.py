@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from enum import Enum
 from typing import Any
 
@@ -17,6 +18,7 @@ from viewsep.cli.status_tables import sentence
 from viewsep.client import LogLine, Received
 from viewsep.errors import ViewsepError
 from viewsep.messages import Outcome
+from viewsep.service.ending import Ending
 from viewsep.service.status import ResultStatus
 
 _QUIET = ("DEBUG", "INFO")
@@ -33,6 +35,14 @@ def show_in(table: LiveTable) -> Callable[[Received], None]:
             people.print(Text(f"{message.name}: {message.message}"))
 
     return hear
+
+
+@contextmanager
+def heard_ctrl_c() -> Iterator[Callable[[], bool]]:
+    """Whether Ctrl-C was pressed since it was asked last: an exception could get lost in a callback of Zenoh's."""
+    ending = Ending()
+    with ending.while_on_signals():
+        yield lambda: ending.wait(0.0)
 
 
 def print_line(received: Received) -> None:

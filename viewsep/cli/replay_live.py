@@ -80,12 +80,13 @@ def play(
         while not stop.asked and (loop or passes == 0):
             for item in rig.play() if rig is not None else playback:
                 shown.hear(item)
-            passes += not playback.stopped
+            passes += not stop.asked
+        interrupted = stop.asked
         if rig is not None:
             rig.linger(stop.wait)
     if shown.result is not None:
         say.print(Text(sentence(result_status(file.stem, shown.result, str(file)))), soft_wrap=True)
-    return Played(passes, shown.messages, shown.pictures, playback.stopped)
+    return Played(passes, shown.messages, shown.pictures, interrupted)
 
 
 class _Stop:

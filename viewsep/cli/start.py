@@ -9,7 +9,7 @@ import typer
 from viewsep.cli.candidates import candidate_names
 from viewsep.cli.console import MAX_SEED, people, print_json
 from viewsep.cli.exit_codes import EXIT_INTERRUPTED
-from viewsep.cli.follow import exit_code, print_line, show_in, tell_result
+from viewsep.cli.follow import exit_code, heard_ctrl_c, print_line, show_in, tell_result
 from viewsep.cli.live import LiveTable
 from viewsep.cli.service_options import (
     AnswerTimeout,
@@ -74,26 +74,27 @@ def start(
 
 def _wait(client: Client, names: list[str], seed: int, json: bool) -> int:
     """Carry out a task of our own. Its exit code, 130 when it was cancelled here."""
-    with client.watch() as stream, LiveTable() as table:
+    with client.watch() as stream, LiveTable() as table, heard_ctrl_c() as pressed:
         task = client.start(names, seed)
         interrupted = False
         try:
-            result = client.wait(task, heard=show_in(table), stream=stream)
+            result = client.wait(task, heard=show_in(table), stream=stream, interrupted=pressed)
         except KeyboardInterrupt:  # the first one ends the task in good order, the second one at once
             interrupted = True
             people.print("cancelling; Ctrl-C again stops at once")
             _cancel(client)
-            result = client.wait(task, CANCEL_S, show_in(table), stream)
+            result = client.wait(task, CANCEL_S, show_in(table), stream, pressed)
     tell_result(result, json)
     return EXIT_INTERRUPTED if interrupted else exit_code(result)
 
 
 def _follow(client: Client, names: list[str], seed: int, json: bool) -> int:
     """Start a task and watch it to its end."""
-    with client.watch() as stream, LiveTable() as table:
+    with client.watch() as stream, LiveTable() as table, heard_ctrl_c() as pressed:
         task = client.start(names, seed, detach=True)
         people.print(f"task {task}", highlight=False)
-        result = client.wait(task, heard=print_line if json else show_in(table), stream=stream)
+        heard = print_line if json else show_in(table)
+        result = client.wait(task, heard=heard, stream=stream, interrupted=pressed)
     tell_result(result, json, line=json)
     return exit_code(result)
 

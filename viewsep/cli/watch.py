@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Annotated
 
 import typer
 
 from viewsep.cli.console import people
-from viewsep.cli.follow import exit_code, print_line, show_in, tell_result
+from viewsep.cli.follow import exit_code, heard_ctrl_c, print_line, show_in, tell_result
 from viewsep.cli.live import LiveTable
 from viewsep.cli.service_options import AnswerTimeout, Certificate, Connect, KeysFolder, Rig, make_client
-from viewsep.client import Client, NoAnswer, Stream
+from viewsep.client import Client, NoAnswer, Received, Stream
 from viewsep.errors import ViewsepError
 from viewsep.service.status import ResultStatus
 
@@ -39,8 +40,9 @@ def watch(
         make_client(rig, connect, keys, certificate, timeout_s) as client,
         client.watch() as stream,  # listening before asking, so that nothing is missed
         LiveTable() as table,
+        heard_ctrl_c() as pressed,
     ):
-        result = _result(client, stream, table, json)
+        result = _result(client, stream, print_line if json else show_in(table), pressed)
         lost = stream.gaps
     if lost:
         people.print(f"{lost} messages were lost on the way", highlight=False)
@@ -48,12 +50,14 @@ def watch(
     raise typer.Exit(exit_code(result))
 
 
-def _result(client: Client, stream: Stream, table: LiveTable, json: bool) -> ResultStatus:
+def _result(
+    client: Client, stream: Stream, heard: Callable[[Received], None], pressed: Callable[[], bool]
+) -> ResultStatus:
     engine = client.status().engine
     if engine is None:
         raise NoAnswer(f"no answer from the engine of rig {client.rig!r}: not running, or not allowed")
     if engine.task:
-        return client.wait(engine.task, heard=print_line if json else show_in(table), stream=stream)
+        return client.wait(engine.task, heard=heard, stream=stream, interrupted=pressed)
     if engine.result is None:
         raise ViewsepError(f"no task has run on rig {client.rig!r} yet: `viewsep start` starts one")
     return engine.result

@@ -132,17 +132,18 @@ class Client:
         timeout_s: float = FOREVER_S,
         heard: Callable[[Received], None] | None = None,
         stream: Stream | None = None,
+        interrupted: Callable[[], bool] = lambda: False,
     ) -> ResultStatus:
         """How `task` ended, as soon as it has; `heard` gets all messages meanwhile.
 
+        `interrupted` is asked twice a second; where it says so, the waiting ends with KeyboardInterrupt.
         A `stream` that was opened before misses none of them; else one is opened now. Raises Timeout when the task goes
         on after `timeout_s`, TaskLost when the service knows neither it nor its result, NoAnswer when it went away.
         """
         own = stream or self.watch(STREAMS if heard else ("result",))
         try:
-            result = wait_for_result(
-                task, self.status, own, heard or (lambda _received: None), timeout_s, max(2.0, self.timeout_s)
-            )
+            hears, grace_s = heard or (lambda _received: None), max(2.0, self.timeout_s)
+            result = wait_for_result(task, self.status, own, hears, timeout_s, grace_s, interrupted)
         finally:
             if stream is None:
                 own.close()

@@ -26,15 +26,19 @@ def wait_for_result(
     heard: Callable[[Received], None],
     timeout_s: float,
     grace_s: float,
+    interrupted: Callable[[], bool] = lambda: False,
 ) -> ResultStatus:
     """How `task` ended. `ask` gives the status; `heard` gets every message of `stream`, which must carry the results.
 
-    Raises Timeout; TaskLost, NoAnswer when for `grace_s` the service does not know the task, or does not answer.
+    `interrupted` is asked now and then and ends the waiting with KeyboardInterrupt. Raises Timeout; TaskLost, NoAnswer
+    when for `grace_s` the service does not know the task, or does not answer.
     """
     deadline = time.monotonic() + timeout_s
     running, result = False, None
     trouble_since: float | None = None
     while True:
+        if interrupted():
+            raise KeyboardInterrupt
         trouble: ViewsepError | None = None
         try:
             said = ask().engine

@@ -24,6 +24,7 @@ from viewsep.plots.telling import counted, factor_of, final_ratings, rig_in_word
 from viewsep.plots.timeline import axis_of
 
 FULL_BAR = 20.0  # times the best rating
+NAMED = 4  # candidates among the key figures
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +66,7 @@ def key_figures(story: Story) -> list[Fact]:
         Fact("Travel", f"{np.degrees(travel):.0f}°", "on the view sphere"),
         Fact("Time", f"{axis.seconds(axis.end_ns):.1f} s", _recorded_at(story, axis.begin_ns)),
         Fact("Comparisons", str(made), share),
-        Fact("Candidates", str(len(story.models)), f"{story.brute_force} views in all"),
+        Fact("Candidates", str(len(story.models)), _digests(story)),
         Fact("Seed", story.task.get("seed", "not recorded"), "of start view and direction"),
         Fact("Rig", rig, simulated),
         Fact("Build", f"viewsep {build.get('viewsep', 'unknown')}", _platform(build)),
@@ -128,6 +129,13 @@ def _recorded_at(story: Story, begin_ns: int) -> str:
         begun_ns = int(session["anchor_unix_ns"]) + begin_ns - int(session["anchor_stamp_ns"])
         return f"from {datetime.fromtimestamp(begun_ns // 1_000_000_000, UTC):%Y-%m-%d %H:%M:%S} UTC"
     return "date not recorded"
+
+
+def _digests(story: Story) -> str:
+    """The first candidates with the beginnings of their models' digests."""
+    said = [f"{story.models[k].name} {story.models[k].digest[:8]}" for k in story.ranking[:NAMED]]
+    others = len(story.models) - NAMED
+    return ", ".join([*said, f"and {others} more"] if others > 0 else said)
 
 
 def _platform(build: Mapping[str, str]) -> str:
