@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -14,7 +12,7 @@ from viewsep.engine.engine import Engine
 from viewsep.engine.state import EngineState
 from viewsep.geometry import angle_between, equidistant_sphere, rotation_angle, view_edges
 from viewsep.interpretation.likelihood import Law, Library, embedded
-from viewsep.interpretation.pose_filter import FilterInterpreter, FilterOptions
+from viewsep.interpretation.pose_filter import FilterInterpreter
 from viewsep.interpretation.rotation_grid import rotation_grid
 from viewsep.interpretation.view_cells import CELLS, Interpolation, cell_directions, cell_of
 from viewsep.kinematics import preset
@@ -34,7 +32,8 @@ def painted(directions: FloatArray, seed: int, twin: bool = False) -> Array:
     shown = np.exp(3.0 * directions @ centres.T)
     if twin:
         shown[:, :4] *= 1.0 + 20.0 * np.maximum(directions[:, 2:] - 0.5, 0.0)
-    return (shown / shown.sum(axis=1, keepdims=True)).astype(np.float32)
+    histograms: Array = (shown / shown.sum(axis=1, keepdims=True)).astype(np.float32)
+    return histograms
 
 
 def model(name: str, seed: int, twin: bool = False, directions: FloatArray | None = None) -> AspectGraph:
@@ -51,8 +50,8 @@ def model(name: str, seed: int, twin: bool = False, directions: FloatArray | Non
     )
 
 
-def interpreter(*models: AspectGraph, **options: float) -> FilterInterpreter:
-    return FilterInterpreter(models, ColourCooccurrence(), replace(FilterOptions(), **options))
+def interpreter(*models: AspectGraph) -> FilterInterpreter:
+    return FilterInterpreter(models, ColourCooccurrence())
 
 
 def unit(values: Array) -> FloatArray:
@@ -138,7 +137,8 @@ def looks(seed: int, count: int, step_deg: float = 10.0) -> FloatArray:
 
 
 def held(seed: int) -> FloatArray:
-    return rotation_grid(7919)[seed * 101 % 7919]
+    rotation: FloatArray = rotation_grid(7919)[seed * 101 % 7919]
+    return rotation
 
 
 def seen(views: FloatArray, rotation: FloatArray, paint: int, twin: bool = False) -> list[Percept]:

@@ -10,16 +10,28 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from viewsep.config import Config, parse_config
+from viewsep.config import Config, InterpreterConfig, parse_config
 from viewsep.errors import BadRecording, ReplayMismatch
 from viewsep.learning import learn_object
-from viewsep.messages import Command, Estimate, Frame, Message, MoveSettled, Outcome, PerceptReceived, Result, Stop
+from viewsep.messages import (
+    Command,
+    Estimate,
+    Frame,
+    Keyframe,
+    Message,
+    MoveSettled,
+    Outcome,
+    PerceptReceived,
+    Result,
+    Stop,
+)
 from viewsep.models import library
 from viewsep.models.aspect_graph import AspectGraph
+from viewsep.plugins import names
 from viewsep.recording import MODEL_MEDIA_TYPE
 from viewsep.recordings.build import this_build
 from viewsep.recordings.reader import Recording, read_recording
-from viewsep.recordings.replay import replay, restore, use_models, verify, verify_frames
+from viewsep.recordings.replay import replay, restore, start_at, use_models, verify, verify_frames
 from viewsep.recordings.writer import Attachment, Recorder
 from viewsep.task import Task, run_task
 
@@ -143,6 +155,18 @@ def test_two_runs_and_a_replay_are_the_same_bytes(
     assert found.exact
     assert found.outputs == sum(isinstance(r.message, Estimate | Command | Result) for r in a.messages)
     assert found.outputs > 15
+
+
+@pytest.mark.parametrize("name", [name for name in names("interpreter") if name != "path"])
+def test_so_do_runs_of_every_other_interpreter(name: str, models: list[AspectGraph], tmp_path: Path) -> None:
+    config = settings(20).model_copy(update={"interpreter": InterpreterConfig(name=name)})
+    a, b = (recorded(tmp_path / file, config, models) for file in ("a.mcap", "b.mcap"))
+    assert raws(a) == raws(b)
+    found = verify(a)
+    assert found.exact
+    assert found.outputs > 10
+    keyframes = [recorded.stamp_ns for recorded in a.messages if isinstance(recorded.message, Keyframe)]
+    assert verify(start_at(a, keyframes[-1])).exact
 
 
 def test_disturbed_runs_repeat_too(models: list[AspectGraph], tmp_path: Path) -> None:

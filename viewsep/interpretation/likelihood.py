@@ -18,7 +18,7 @@ from viewsep.models.aspect_graph import AspectGraph
 
 @dataclass(frozen=True, slots=True)
 class Law:
-    """Student's t in D `dimensions` with f degrees of `freedom`: log p = -(f + D) / 2 log(1 + d2 / (f s2)), unnormalised.
+    """Student's t in D `dimensions` with f degrees of `freedom`: log p = -(f + D) / 2 log(1 + d2 / (f s2)) + const.
 
     `scale2` is the squared distance that is usual between a percept and its prediction, `background2` that of a view of
     something else; how surprising a percept of an unknown object is follows from the latter.
@@ -38,7 +38,7 @@ class Law:
     @property
     def of_nothing(self) -> float:
         """The log-likelihood of any view of an object that is no candidate."""
-        return float(self.log(np.float32(self.background2)))
+        return float(self.log(np.array(self.background2, np.float32)))
 
 
 class Library:
@@ -54,6 +54,11 @@ class Library:
         self._weight = np.stack([part.weight for part in parts])
         self._covered = np.stack([part.covered for part in parts])
         self._norm2 = np.stack([self._predicted_norm2(k) for k in range(len(models))])
+
+    @property
+    def nodes(self) -> int:
+        """How many views all models have together."""
+        return len(self._nodes)
 
     def log_likelihood(self, feature: Array) -> Array:
         """(D,) -> (K, CELLS) float32: of the percept if candidate k is seen from a cell."""

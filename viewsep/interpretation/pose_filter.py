@@ -1,4 +1,8 @@
-"""Exact Bayes over (candidate or none of them) x rotation, on a grid (design section 5)."""
+"""Exact Bayes over (candidate or none of them) x rotation, on a grid (design section 5).
+
+In an estimate `rating` is one over the candidate's probability, `w0` how well the look fits it at best (0 to 1), `w1`
+the spread of its pose (radians), `w2` its probability.
+"""
 
 from __future__ import annotations
 
@@ -63,7 +67,7 @@ class FilterInterpreter:
         self.rotations = rotation_grid(self.options.rotations)
         columns = self.rotations.transpose(1, 2, 0).reshape(3, -1)
         self._columns = np.ascontiguousarray(columns, np.float32)  # c @ this is every u = R^T c
-        self._quaternion_axes = self.rotations.reshape(len(self.rotations), 9).astype(np.float32)
+        self._flat = self.rotations.reshape(len(self.rotations), 9).astype(np.float32)
 
     def start(self) -> FilterState:
         """Every candidate and rotation as likely as any other."""
@@ -118,7 +122,7 @@ class FilterInterpreter:
                 CandidateEstimate(
                     name=name,
                     rating=float(1.0 / max(probability[k], 1e-12)),
-                    w0=float(likelihood[k].max()),
+                    w0=float(np.exp(likelihood[k].max())),
                     w1=float(np.sqrt(poses[k][1])),
                     w2=float(probability[k]),
                     rotation=rotations[k],
@@ -128,7 +132,7 @@ class FilterInterpreter:
                 )
                 for k, name in enumerate(self.library.names)
             ),
-            comparisons=len(self.library._nodes),
+            comparisons=self.library.nodes,
             travel_rad=0.0,
             target=None,
         )
@@ -142,10 +146,10 @@ class FilterInterpreter:
         """The mean rotation around the best one (3, 3), and the mean squared angle to it over all."""
         best = int(np.argmax(log_p))
         weight = np.exp(log_p - log_p[best])
-        cosine = self._quaternion_axes @ self._quaternion_axes[best]  # trace(A^T B) = 1 + 2 cos
+        cosine = self._flat @ self._flat[best]  # trace(A^T B) = 1 + 2 cos
         near = np.flatnonzero((cosine > 1.0 + 2.0 * np.cos(np.radians(25.0))) & (weight > 1e-4))
         mean = nearest_rotation(np.tensordot(weight[near].astype(np.float64), self.rotations[near], 1))
-        trace = self._quaternion_axes @ mean.ravel().astype(np.float32)
+        trace = self._flat @ mean.ravel().astype(np.float32)
         angle = np.arccos(np.clip((trace - 1.0) / 2.0, -1.0, 1.0))
         spread = float((weight * angle * angle).sum(dtype=np.float64) / weight.sum(dtype=np.float64))
         return mean, spread
