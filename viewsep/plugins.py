@@ -48,7 +48,18 @@ def make_planner(config: PluginConfig, models: Sequence[AspectGraph], reachable:
 def check_plugins(config: Config) -> None:
     """That the interpreter and the planner exist and have the options given to them. Raises BadConfig."""
     for kind, chosen in (("interpreter", config.interpreter), ("planner", config.planner)):
-        _options(_find(kind, chosen.name).options_type, kind, chosen)
+        chosen_options(kind, chosen)
+
+
+def options_type(kind: str, name: str) -> type:
+    """The dataclass of a plug-in's options; a descriptor is its own. Raises BadConfig."""
+    plugin: type = _find(kind, name)
+    return plugin if kind == "descriptor" else cast(Any, plugin).options_type
+
+
+def chosen_options(kind: str, config: PluginConfig) -> Any:
+    """A plug-in's options, those not given with their defaults. Raises BadConfig."""
+    return _options(options_type(kind, config.name), kind, config)
 
 
 def _find(kind: str, name: str) -> Any:
