@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 QUICK := not long and not readers and not browser
 
-.PHONY: env demo test lint types contracts unit wheel test-long test-readers test-browser test-hardware-in-vm schemas golden clean
+.PHONY: env demo test lint types contracts unit wheel test-long test-readers test-browser test-other-python test-hardware-in-vm schemas golden clean
 
 env: $(VENV)/.up-to-date
 
@@ -47,6 +47,10 @@ test-readers: env
 # The report's page in headless Chromium; says so where there is none (apt-get install --no-install-recommends chromium).
 test-browser: env
 	$(BIN)/python -m pytest -m browser tests/browser
+
+# The golden recordings' decisions on another Python (3.12 unless OTHER says which), where the simulation is not installed.
+test-other-python:
+	$(PYTHON) tests/other_python.py $(or $(OTHER),python3.12)
 
 wheel: env
 	$(BIN)/python tests/wheel_install.py
