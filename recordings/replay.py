@@ -13,7 +13,7 @@ from viewsep.assembly import make_engine
 from viewsep.config import Config, geometry_of, parse_config
 from viewsep.engine.engine import Engine
 from viewsep.engine.state import EngineState
-from viewsep.errors import BadConfig, BadRecording, ReplayMismatch
+from viewsep.errors import BadConfig, BadInput, BadRecording, ReplayMismatch
 from viewsep.geometry import angle_between
 from viewsep.messages import (
     Command,
@@ -56,7 +56,7 @@ class Replayed:
 class Verification:
     """What a replay confirmed. `exact` is False when floats differed within FLOAT_TOLERANCE on another build.
 
-    `keyframes` counts those that were reached with the recorded state, `gaps` the places where messages are missing,
+    `keyframes` counts those that were reached with the recorded state (on the recording's build), `gaps` the places where messages are missing,
     `skipped` the messages that could not be compared: before the start, and from a gap to the next keyframe.
     """
 
@@ -184,9 +184,7 @@ def verify(recording: Recording) -> Verification:
         if replaying.state is not None and isinstance(message, Event | Keyframe):
             _nothing_left(expected, f"before {recorded.topic} at {recorded.stamp_ns} ns")
         if replaying.state is not None and isinstance(message, Keyframe):
-            keyframes += 1
-            if same_build and replaying.engine.save(replaying.state) != message.state:
-                raise ReplayMismatch(f"the engine's state at {recorded.stamp_ns} ns is not the recorded one")
+            keyframes += same_build and _reached(message, replaying.engine, replaying.state, recorded.stamp_ns)
         replayed = replaying.take(message)
         if replayed is not None:
             expected.extend(replayed.outputs)
@@ -219,6 +217,20 @@ def _step(engine: Engine, before: EngineState, event: Event) -> Replayed:
     if state.result is not None and before.result is None:
         outputs.append(state.result)
     return Replayed(event, state, tuple(outputs))
+
+
+def _reached(keyframe: Keyframe, engine: Engine, state: EngineState, stamp_ns: int) -> bool:
+    """Whether the keyframe was reached; False where it is an earlier engine's, which this one cannot read.
+
+    Raises ReplayMismatch when the state is another one.
+    """
+    try:
+        recorded = engine.save(engine.restore(keyframe.state))
+    except BadInput:
+        return False
+    if engine.save(state) != recorded:
+        raise ReplayMismatch(f"the engine's state at {stamp_ns} ns is not the recorded one")
+    return True
 
 
 def _nothing_left(expected: deque[Output], where: str) -> None:

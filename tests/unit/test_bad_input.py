@@ -337,7 +337,7 @@ CASES: dict[str, Case] = {
         WITH_CONFIG, "no descriptor is called 'sift': choose one of cch", config("[descriptor]\nname='sift'")
     ),
     "unknown interpreter": Case(
-        WITH_CONFIG, "no interpreter is called 'pf': choose one of path", config("[interpreter]\nname='pf'")
+        WITH_CONFIG, "no interpreter is called 'pf': choose one of filter, path", config("[interpreter]\nname='pf'")
     ),
     "interpreter option": Case(f"{SEPARATE} --interpreter pf", "no interpreter is called 'pf'"),
     "unknown planner": Case(WITH_CONFIG, "no planner is called 'fast': choose", config("[planner]\nname='fast'")),
