@@ -56,8 +56,9 @@ class Replayed:
 class Verification:
     """What a replay confirmed. `exact` is False when floats differed within FLOAT_TOLERANCE on another build.
 
-    `keyframes` counts those that were reached with the recorded state (on the recording's build), `gaps` the places where messages are missing,
-    `skipped` the messages that could not be compared: before the start, and from a gap to the next keyframe.
+    `keyframes` counts those that were reached with the recorded state (on the recording's build), `gaps` the places
+    where messages are missing, `skipped` the messages that could not be compared: before the start, and from a gap to
+    the next keyframe.
     """
 
     events: int
