@@ -44,7 +44,7 @@ def test_a_recording_is_played(shell: Shell) -> None:
         (("--interpreter", "path", "--interpreter", "path"), "given twice"),
     ],
 )
-def test_options_that_do_not_go_together(shell: Shell, typed: tuple[object, ...], says: str) -> None:
+def test_options_that_do_not_go_together(shell: Shell, typed: tuple[str | int, ...], says: str) -> None:
     refused = shell("replay", V2, *typed)
     assert (refused.code, refused.out) == (2, "")
     assert says in refused.err
