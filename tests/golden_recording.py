@@ -43,6 +43,12 @@ def without_message(recording: Recording, index: int) -> Recording:
     return replace(recording, messages=(*recording.messages[:index], *recording.messages[index + 1 :]))
 
 
+def until_look(recording: Recording, looks: int) -> Recording:
+    """The recording as if it had ended after so many looks."""
+    end = where(recording, "estimate")[looks - 1] + 1
+    return replace(recording, messages=recording.messages[:end])
+
+
 def with_metadata(recording: Recording, name: str, **changed: str) -> Recording:
     """Keys of one metadata record changed or added."""
     record = {**recording.metadata.get(name, {}), **changed}

@@ -48,7 +48,8 @@ def tell(compared: Sequence[Compared], methods: Sequence[Method]) -> None:
     )
     for row in compared:
         if row.gaps:
-            results.print(f"note: {row.name}: messages are missing in {row.gaps} places", markup=False, soft_wrap=True)
+            where = "one place" if row.gaps == 1 else f"{row.gaps} places"
+            results.print(f"note: {row.name}: messages are missing in {where}", markup=False, soft_wrap=True)
 
 
 def as_dict(compared: Sequence[Compared], methods: Sequence[Method]) -> dict[str, Any]:
