@@ -122,7 +122,7 @@ def test_another_descriptor_needs_models_learned_with_it(shell: Shell, tmp_path:
     assert "give --descriptor, so that percepts are made anew of the pictures" in without.err
 
 
-TWO_THINGS = "--verify and --from-frames check what was recorded, --interpreter, --planner and --descriptor try"
+TWO_THINGS = "check what was recorded, --interpreter, --planner and --descriptor try"
 
 
 @pytest.mark.parametrize(
