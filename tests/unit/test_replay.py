@@ -139,9 +139,9 @@ def alter_travel(factor: float) -> Change:
         ("particles", "fig4"),
         ("loop_free", "fig4"),
         ("accumulated", "fig4"),
-        ("initial", "wahba"),
-        ("particles", "wahba"),
-        ("loop_free", "wahba"),
+        pytest.param("initial", "wahba", marks=pytest.mark.long),
+        pytest.param("particles", "wahba", marks=pytest.mark.long),
+        pytest.param("loop_free", "wahba", marks=pytest.mark.long),
         ("accumulated", "wahba"),
     ],
 )
