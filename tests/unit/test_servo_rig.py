@@ -60,15 +60,17 @@ def test_a_twin_is_identified_on_servos_and_the_recording_replays(
     models = load_library(look_alikes)
     recording, states = tmp_path / "run.mcap", States()
     source, truth = held_object(models, "product_7", None)
-    config = parse_config(servo_config(name) | {"sim": {"backlash_deg": 0.3}}, "test")
+    # servos move in real time, so no two runs are the same: the posterior is sure far sooner than the paths
+    table = servo_config(name) | {"sim": {"backlash_deg": 0.3}, "interpreter": {"name": "filter"}}
+    config = parse_config(table, "test")
     answer = run_task(Task(source, truth, seed, recording), config, models, [states])
     assert answer.correct, answer.result.reason
     assert answer.rig == "emulated servos, simulated camera"
-    assert len(states.heard) > 100
+    assert len(states.heard) > 50
     assert not any(state.fault for state in states.heard)
     verified = verify(read_recording(recording))
     assert verified.exact
-    assert verified.outputs > 20
+    assert verified.outputs > 5
 
 
 @pytest.mark.needs_pybullet
