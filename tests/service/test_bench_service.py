@@ -8,6 +8,7 @@ from shell import Shell
 pytest.importorskip("pybullet", reason="needs pybullet, which has wheels for CPython 3.11 only")
 
 
+@pytest.mark.long
 def test_every_figure_is_measured(shell: Shell) -> None:
     ended = shell("bench", "service", "--seconds", 1, "--json")
     assert ended.code == 0, ended.err

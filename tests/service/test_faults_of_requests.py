@@ -98,7 +98,7 @@ def test_requests_without_sense_are_refused_and_disturb_nobody(
 
 
 def test_thousands_of_senseless_requests_change_nothing(short: Mapping[str, Any], tmp_path: Path) -> None:
-    service = Serving(tmp_path, {**short, "task": {"max_looks": 400}})
+    service = Serving(tmp_path, {**short, "task": {"max_looks": 250}})
     random = np.random.default_rng(5)
     keys = [BENCH.status, *(BENCH.command(name) for name in REQUESTS if name != "stop")]  # a stop that is garbage stops
     with serving(service), service.client() as client, asking(service) as session:

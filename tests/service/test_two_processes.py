@@ -44,7 +44,7 @@ def test_two_processes_give_the_bytes_of_one(settings: Mapping[str, Any], tmp_pa
     verify(read_recording(Path(apart.recording)))
 
 
-@pytest.mark.parametrize("send", ["image", "crop", "descriptor"])
+@pytest.mark.parametrize("send", ["image", pytest.param("crop", marks=pytest.mark.long), "descriptor"])
 def test_whatever_a_look_sends_the_object_is_found(settings: Mapping[str, Any], tmp_path: Path, send: str) -> None:
     found = result_of(*split(settings, tmp_path, send=send), seed=1)
     assert (found.outcome, found.object) == ("identified", "product_7")

@@ -90,7 +90,7 @@ def test_figures_do_not_depend_on_processes(
     assert timeless(json.loads(result.read_text())) == timeless(separated)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_figures_do_not_depend_on_the_machines(
     separated: dict[str, Any], folder: Path, tmp_path: Path, shell: Shell
 ) -> None:
