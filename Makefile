@@ -42,6 +42,7 @@ test-long: env
 
 # Recordings in readers that are not ours: @mcap/core for JavaScript (needs node and npm, loads it) and Rerun's.
 test-readers: env
+	$(BIN)/python -m pip install --quiet --editable '.[dev,readers]'
 	$(BIN)/python -m pytest -m readers
 
 # The report's page in headless Chromium; says so where there is none (apt-get install --no-install-recommends chromium).
