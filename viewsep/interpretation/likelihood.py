@@ -41,6 +41,10 @@ class Law:
         return float(self.log(np.array(self.background2, np.float32)))
 
 
+LAWS = {"opponent": Law(scale2=0.006, background2=0.08)}
+"""Of descriptors whose distances are not those of the colour co-occurrence histogram; set by hand, not yet learned."""
+
+
 class Library:
     """All candidates' nodes as one matrix, and what each of them predicts in every cell."""
 

@@ -15,7 +15,7 @@ from pydantic import Field
 
 from viewsep.geometry import angle_between, nearest_rotation
 from viewsep.interfaces import Descriptor, Interpretation
-from viewsep.interpretation.likelihood import Law, Library
+from viewsep.interpretation.likelihood import LAWS, Law, Library
 from viewsep.interpretation.rotation_grid import rotation_grid
 from viewsep.interpretation.view_cells import cell_of
 from viewsep.messages import Array, CandidateEstimate, Estimate, FloatArray, HypothesisViews, Percept, Phase
@@ -62,7 +62,7 @@ class FilterInterpreter:
         self, models: Sequence[AspectGraph], descriptor: Descriptor, options: FilterOptions | None = None
     ) -> None:
         self.options = options or FilterOptions()
-        self.library = Library(models, Law())
+        self.library = Library(models, LAWS.get(descriptor.name, Law()))
         self.descriptor = descriptor
         self.rotations = rotation_grid(self.options.rotations)
         columns = self.rotations.transpose(1, 2, 0).reshape(3, -1)
