@@ -29,8 +29,11 @@ def crossed(recording: Path) -> list[bytes]:
     return [to_bytes(message) for message in messages if not isinstance(message, JointState)]
 
 
-def test_two_processes_give_the_bytes_of_one(settings: Mapping[str, Any], tmp_path: Path) -> None:
-    stepped = {**settings, "service": {**settings["service"], "speed": 0.0}}
+@pytest.mark.parametrize(("interpreter", "fewest"), [("path", 100), pytest.param("filter", 10, marks=pytest.mark.long)])
+def test_two_processes_give_the_bytes_of_one(
+    settings: Mapping[str, Any], tmp_path: Path, interpreter: str, fewest: int
+) -> None:
+    stepped = {**settings, "interpreter": {"name": interpreter}, "service": {**settings["service"], "speed": 0.0}}
     alone = result_of(Serving(tmp_path / "one", stepped), seed=1)
     apart = result_of(*split(stepped, tmp_path / "two", recordings=str(tmp_path / "apart")), seed=1)
     assert alone.outcome == "identified"
@@ -40,7 +43,7 @@ def test_two_processes_give_the_bytes_of_one(settings: Mapping[str, Any], tmp_pa
     assert alone.recording is not None
     assert apart.recording is not None
     assert crossed(Path(alone.recording)) == crossed(Path(apart.recording))
-    assert len(crossed(Path(alone.recording))) > 100
+    assert len(crossed(Path(alone.recording))) > fewest
     verify(read_recording(Path(apart.recording)))
 
 

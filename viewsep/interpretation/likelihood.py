@@ -1,4 +1,4 @@
-"""How likely a percept is where a model predicts another feature: a heavy-tailed law with a learned scale.
+"""How likely a percept is where a model predicts another feature: a heavy-tailed law. Its scale is set by hand.
 
 Features are compared in an embedding in which their similarity is an inner product. So a feature between nodes can be
 predicted as a mixture of theirs, and the distances to all mixtures follow from the inner products with the nodes.
