@@ -295,6 +295,7 @@ def _encode_estimate(estimate: messages.Estimate) -> pb.Estimate:
         comparisons=estimate.comparisons,
         travel_rad=estimate.travel_rad,
         target=None if estimate.target is None else _flat("target", estimate.target, (3,)),
+        unknown=estimate.unknown,
     )
 
 
@@ -307,6 +308,7 @@ def _decode_estimate(estimate: pb.Estimate) -> messages.Estimate:
         estimate.comparisons,
         estimate.travel_rad,
         _array("target", estimate.target, (3,)) if estimate.target else None,
+        estimate.unknown if estimate.HasField("unknown") else None,
     )
 
 
@@ -321,6 +323,7 @@ def _encode_candidate(candidate: messages.CandidateEstimate) -> pb.CandidateEsti
         variance=candidate.variance,
         converged=candidate.converged,
         hypotheses=candidate.hypotheses,
+        probability=candidate.probability,
     )
 
 
@@ -335,6 +338,7 @@ def _decode_candidate(candidate: pb.CandidateEstimate) -> messages.CandidateEsti
         candidate.variance,
         candidate.converged,
         candidate.hypotheses,
+        candidate.probability if candidate.HasField("probability") else None,
     )
 
 
@@ -349,6 +353,9 @@ def _encode_result(result: messages.Result) -> pb.Result:
         looks=result.looks,
         travel_rad=result.travel_rad,
         comparisons=result.comparisons,
+        indistinct=result.indistinct,
+        telling_view=None if result.telling_view is None else _flat("telling_view", result.telling_view, (3,)),
+        pose_spread_rad=result.pose_spread_rad,
     )
 
 
@@ -363,6 +370,9 @@ def _decode_result(result: pb.Result) -> messages.Result:
         result.looks,
         result.travel_rad,
         result.comparisons,
+        tuple(result.indistinct),
+        _array("telling_view", result.telling_view, (3,)) if result.telling_view else None,
+        result.pose_spread_rad if result.HasField("pose_spread_rad") else None,
     )
 
 

@@ -35,6 +35,7 @@ def make_engine(config: Config, models: Sequence[AspectGraph]) -> Engine:
             max_looks=config.task.max_looks,
             max_failed_moves=config.task.max_failed_moves,
             max_missing_frames=config.task.max_missing_frames,
+            pose_tolerance_rad=float(np.radians(config.task.pose_tolerance_deg or np.inf)),
         ),
     )
 

@@ -7,8 +7,10 @@ contract suite in `tests/contracts`, run on every implementation.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
 
 from viewsep.messages import (
     Array,
@@ -18,6 +20,7 @@ from viewsep.messages import (
     HypothesisViews,
     JointState,
     Message,
+    Outcome,
     Percept,
     Phase,
 )
@@ -173,6 +176,31 @@ class Descriptor(Protocol):
 
 
 @dataclass(frozen=True, eq=False, slots=True)
+class Conclusion:
+    """How a task should end, and why: `reason` is part of a sentence.
+
+    `indistinct` are the indices of the candidates that cannot be told apart, `telling_view` (3,) as in `Result`.
+    """
+
+    outcome: Outcome
+    reason: str
+    indistinct: tuple[int, ...] = ()
+    telling_view: FloatArray | None = None
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class PoseSamples:
+    """What may be seen and how it may be held: `owner` (S,) candidates' indices, `rotation` (S, 3, 3), `weight` (S,).
+
+    The weights of a candidate's samples sum to its probability.
+    """
+
+    owner: Array = field(default_factory=lambda: np.empty(0, np.int64))
+    rotation: FloatArray = field(default_factory=lambda: np.empty((0, 3, 3)))
+    weight: FloatArray = field(default_factory=lambda: np.empty(0))
+
+
+@dataclass(frozen=True, eq=False, slots=True)
 class Interpretation:
     """What an interpreter hands to the planner and the decision after one percept.
 
@@ -180,8 +208,9 @@ class Interpretation:
     one pose per candidate; `converged` is True when the poses are good enough to plan with; `plausible` is (K,) bool,
     the candidates worth separating; `leader` is the index of the candidate that would be named if judged now, or -1;
     `fresh` is True while there is too little evidence since the interpreter (re)started: plans made before do not hold.
-    `reason` is empty for ratings that decide near a separating view only; an interpreter that is sure of its leader
-    wherever it looked says there why.
+    `conclusion` is what an interpreter is sure of wherever it looked: its leader is identified, or the object is
+    unknown. It is None for ratings that decide near a separating view only. `samples` stand for the posterior, empty
+    where there is none.
     """
 
     estimate: Estimate
@@ -190,7 +219,8 @@ class Interpretation:
     plausible: Array
     leader: int
     fresh: bool
-    reason: str = ""
+    conclusion: Conclusion | None = None
+    samples: PoseSamples = field(default_factory=PoseSamples)
 
 
 class Interpreter(Protocol):
@@ -225,12 +255,14 @@ class NextView:
 
     `view_direction` (3,) is reachable, or None to stay; `purpose` the phase the move serves; `target` (3,) the
     separating view it leads to, or None while exploring; `arrives` is True when the move ends at the target.
+    `conclusion` ends the task: no reachable view promises anything more.
     """
 
     view_direction: FloatArray | None
     purpose: Phase
     target: FloatArray | None = None
     arrives: bool = False
+    conclusion: Conclusion | None = None
 
 
 class Planner(Protocol):

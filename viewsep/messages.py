@@ -35,7 +35,9 @@ class Outcome(StrEnum):
     """How a separation task ended."""
 
     IDENTIFIED = "identified"
-    UNDECIDED = "undecided"
+    UNKNOWN = "unknown"  # it is none of the candidates
+    INDISTINGUISHABLE = "indistinguishable"  # it is one of several that no reachable view tells apart
+    UNDECIDED = "undecided"  # the budget is spent
     FAILED = "failed"
 
 
@@ -189,7 +191,8 @@ class CandidateEstimate:
 
     `rating` is the mean 1-based queue position (1 is best); `w0`, `w1` (radians), `w2` are that hypothesis' measures
     (section IV); `rotation` is the (3, 3) mean rotation object -> control; `variance` is the running variance of that
-    mean summed over the angles (radians squared, infinite until the window is full).
+    mean summed over the angles (radians squared, infinite until the window is full). `probability` is None where the
+    interpreter has none.
     """
 
     name: str
@@ -201,13 +204,15 @@ class CandidateEstimate:
     variance: float
     converged: bool
     hypotheses: int
+    probability: float | None = None
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Estimate:
     """What the interpreter believes after a percept. `comparisons` counts feature comparisons in this iteration.
 
-    `target` is the (3,) view direction the planner is driving to, or None while exploring.
+    `target` is the (3,) view direction the planner is driving to, or None while exploring. `unknown` is the probability
+    that the object is none of the candidates, None where the interpreter has no probabilities.
     """
 
     stamp_ns: int
@@ -217,6 +222,7 @@ class Estimate:
     comparisons: int
     travel_rad: float
     target: FloatArray | None
+    unknown: float | None = None
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -224,6 +230,9 @@ class Result:
     """How the task ended. `object` is empty unless identified; `rotation` is the named (or best) candidate's pose.
 
     `ratings` follow the order of the candidates. `travel_rad` is the length of the controlled path on the view sphere.
+    `indistinct` names those that remain when it is indistinguishable; `telling_view` (3,) would tell them apart, but
+    cannot be reached (None where there is no such view). `pose_spread_rad` is the root mean squared angle by which the
+    pose may be wrong (None where it is not known).
     """
 
     stamp_ns: int
@@ -235,6 +244,9 @@ class Result:
     looks: int
     travel_rad: float
     comparisons: int
+    indistinct: tuple[str, ...] = ()
+    telling_view: FloatArray | None = None
+    pose_spread_rad: float | None = None
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -137,7 +137,7 @@ class Stop(_message.Message):
     def __init__(self, command_id: _Optional[int] = ..., reason: _Optional[str] = ...) -> None: ...
 
 class Estimate(_message.Message):
-    __slots__ = ("stamp_ns", "iteration", "phase", "candidates", "comparisons", "travel_rad", "target")
+    __slots__ = ("stamp_ns", "iteration", "phase", "candidates", "comparisons", "travel_rad", "target", "unknown")
     STAMP_NS_FIELD_NUMBER: _ClassVar[int]
     ITERATION_FIELD_NUMBER: _ClassVar[int]
     PHASE_FIELD_NUMBER: _ClassVar[int]
@@ -145,6 +145,7 @@ class Estimate(_message.Message):
     COMPARISONS_FIELD_NUMBER: _ClassVar[int]
     TRAVEL_RAD_FIELD_NUMBER: _ClassVar[int]
     TARGET_FIELD_NUMBER: _ClassVar[int]
+    UNKNOWN_FIELD_NUMBER: _ClassVar[int]
     stamp_ns: int
     iteration: int
     phase: str
@@ -152,10 +153,11 @@ class Estimate(_message.Message):
     comparisons: int
     travel_rad: float
     target: _containers.RepeatedScalarFieldContainer[float]
-    def __init__(self, stamp_ns: _Optional[int] = ..., iteration: _Optional[int] = ..., phase: _Optional[str] = ..., candidates: _Optional[_Iterable[_Union[CandidateEstimate, _Mapping]]] = ..., comparisons: _Optional[int] = ..., travel_rad: _Optional[float] = ..., target: _Optional[_Iterable[float]] = ...) -> None: ...
+    unknown: float
+    def __init__(self, stamp_ns: _Optional[int] = ..., iteration: _Optional[int] = ..., phase: _Optional[str] = ..., candidates: _Optional[_Iterable[_Union[CandidateEstimate, _Mapping]]] = ..., comparisons: _Optional[int] = ..., travel_rad: _Optional[float] = ..., target: _Optional[_Iterable[float]] = ..., unknown: _Optional[float] = ...) -> None: ...
 
 class CandidateEstimate(_message.Message):
-    __slots__ = ("name", "rating", "w0", "w1", "w2", "rotation", "variance", "converged", "hypotheses")
+    __slots__ = ("name", "rating", "w0", "w1", "w2", "rotation", "variance", "converged", "hypotheses", "probability")
     NAME_FIELD_NUMBER: _ClassVar[int]
     RATING_FIELD_NUMBER: _ClassVar[int]
     W0_FIELD_NUMBER: _ClassVar[int]
@@ -165,6 +167,7 @@ class CandidateEstimate(_message.Message):
     VARIANCE_FIELD_NUMBER: _ClassVar[int]
     CONVERGED_FIELD_NUMBER: _ClassVar[int]
     HYPOTHESES_FIELD_NUMBER: _ClassVar[int]
+    PROBABILITY_FIELD_NUMBER: _ClassVar[int]
     name: str
     rating: float
     w0: float
@@ -174,10 +177,11 @@ class CandidateEstimate(_message.Message):
     variance: float
     converged: bool
     hypotheses: int
-    def __init__(self, name: _Optional[str] = ..., rating: _Optional[float] = ..., w0: _Optional[float] = ..., w1: _Optional[float] = ..., w2: _Optional[float] = ..., rotation: _Optional[_Iterable[float]] = ..., variance: _Optional[float] = ..., converged: _Optional[bool] = ..., hypotheses: _Optional[int] = ...) -> None: ...
+    probability: float
+    def __init__(self, name: _Optional[str] = ..., rating: _Optional[float] = ..., w0: _Optional[float] = ..., w1: _Optional[float] = ..., w2: _Optional[float] = ..., rotation: _Optional[_Iterable[float]] = ..., variance: _Optional[float] = ..., converged: _Optional[bool] = ..., hypotheses: _Optional[int] = ..., probability: _Optional[float] = ...) -> None: ...
 
 class Result(_message.Message):
-    __slots__ = ("stamp_ns", "outcome", "object", "reason", "ratings", "rotation", "looks", "travel_rad", "comparisons")
+    __slots__ = ("stamp_ns", "outcome", "object", "reason", "ratings", "rotation", "looks", "travel_rad", "comparisons", "indistinct", "telling_view", "pose_spread_rad")
     STAMP_NS_FIELD_NUMBER: _ClassVar[int]
     OUTCOME_FIELD_NUMBER: _ClassVar[int]
     OBJECT_FIELD_NUMBER: _ClassVar[int]
@@ -187,6 +191,9 @@ class Result(_message.Message):
     LOOKS_FIELD_NUMBER: _ClassVar[int]
     TRAVEL_RAD_FIELD_NUMBER: _ClassVar[int]
     COMPARISONS_FIELD_NUMBER: _ClassVar[int]
+    INDISTINCT_FIELD_NUMBER: _ClassVar[int]
+    TELLING_VIEW_FIELD_NUMBER: _ClassVar[int]
+    POSE_SPREAD_RAD_FIELD_NUMBER: _ClassVar[int]
     stamp_ns: int
     outcome: str
     object: str
@@ -196,7 +203,10 @@ class Result(_message.Message):
     looks: int
     travel_rad: float
     comparisons: int
-    def __init__(self, stamp_ns: _Optional[int] = ..., outcome: _Optional[str] = ..., object: _Optional[str] = ..., reason: _Optional[str] = ..., ratings: _Optional[_Iterable[_Union[Rating, _Mapping]]] = ..., rotation: _Optional[_Iterable[float]] = ..., looks: _Optional[int] = ..., travel_rad: _Optional[float] = ..., comparisons: _Optional[int] = ...) -> None: ...
+    indistinct: _containers.RepeatedScalarFieldContainer[str]
+    telling_view: _containers.RepeatedScalarFieldContainer[float]
+    pose_spread_rad: float
+    def __init__(self, stamp_ns: _Optional[int] = ..., outcome: _Optional[str] = ..., object: _Optional[str] = ..., reason: _Optional[str] = ..., ratings: _Optional[_Iterable[_Union[Rating, _Mapping]]] = ..., rotation: _Optional[_Iterable[float]] = ..., looks: _Optional[int] = ..., travel_rad: _Optional[float] = ..., comparisons: _Optional[int] = ..., indistinct: _Optional[_Iterable[str]] = ..., telling_view: _Optional[_Iterable[float]] = ..., pose_spread_rad: _Optional[float] = ...) -> None: ...
 
 class Rating(_message.Message):
     __slots__ = ("name", "rating")

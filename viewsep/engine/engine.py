@@ -6,9 +6,9 @@ from dataclasses import replace
 
 from viewsep.engine.keyframe import StateCodec
 from viewsep.engine.state import EngineState, TaskLimits
-from viewsep.engine.verdict import failure, identification, indecision
+from viewsep.engine.verdict import conclusion, failure, identification, indecision, pose_remark
 from viewsep.geometry import angle_between
-from viewsep.interfaces import Interpreter, NextView, Planner
+from viewsep.interfaces import Interpretation, Interpreter, NextView, Planner
 from viewsep.messages import (
     CancelRequested,
     Command,
@@ -70,7 +70,7 @@ class Engine:
             case FrameMissing():
                 return self._miss(state, event)
             case DeadlinePassed(stamp_ns):
-                return self._end(state, indecision(state, stamp_ns, "the time for the task is over"))
+                return self._run_out(state, stamp_ns, "the time for the task is over")
             case CancelRequested(stamp_ns, reason):
                 return self._end(state, failure(state, stamp_ns, f"cancelled: {reason}"))
             case RigFailed(stamp_ns, reason):
@@ -119,18 +119,31 @@ class Engine:
                 target=target,
             ),
         )
-        if belief.leader >= 0 and belief.reason:
-            return self._end(state, identification(state, belief))
+        if belief.conclusion and self._pose_known(belief):
+            return self._end(state, conclusion(state, percept.stamp_ns, belief.conclusion))
         if self._judges(state, percept.view_direction):
             state = replace(state, leads=_leads(state, belief.leader))
             if belief.leader >= 0 and state.leads[1] >= self.limits.confirming_looks:
                 return self._end(state, identification(state, belief))
         if state.looks >= self.limits.max_looks:
             reason = f"no candidate stood out within {self.limits.max_looks} looks"
-            return self._end(state, indecision(state, percept.stamp_ns, reason))
+            return self._run_out(state, percept.stamp_ns, reason)
         if state.dwelling:
             return self._go_on(replace(state, dwelling=False), state.view_direction)
         return state, ()
+
+    def _pose_known(self, belief: Interpretation) -> bool:
+        """Whether the pose of what is concluded is good enough to end; there is none of an unknown object."""
+        if belief.leader < 0:
+            return True
+        return belief.estimate.candidates[belief.leader].variance <= self.limits.pose_tolerance_rad**2
+
+    def _run_out(self, state: EngineState, stamp_ns: int, reason: str) -> Step:
+        """The budget is spent: a name that only waited for its pose is said all the same."""
+        if state.belief and state.belief.conclusion:
+            known = pose_remark(state.belief, "the budget was spent before its pose was sure")
+            return self._end(state, conclusion(state, stamp_ns, known))
+        return self._end(state, indecision(state, stamp_ns, reason))
 
     def _repeats(self, state: EngineState, percept: Percept) -> bool:
         """Whether a percept shows what the last one showed and nothing waits for it."""
@@ -162,6 +175,9 @@ class Engine:
         assert here is not None
         planning, plan = self.planner.next_view(state.planning, here, state.belief)
         state = replace(state, planning=planning)
+        if plan.conclusion and state.belief:
+            named = pose_remark(state.belief, plan.conclusion.reason) if state.belief.conclusion else plan.conclusion
+            return self._end(state, conclusion(state, state.belief.estimate.stamp_ns, named))
         if plan.view_direction is None:
             return replace(state, move=None, move_plan=plan, dwelling=True), ()
         return self._move(replace(state, phase=plan.purpose), plan)

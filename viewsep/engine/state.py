@@ -16,7 +16,8 @@ class TaskLimits:
     `look_every_rad` is how far the view must have turned to be looked at again: a percept that repeats the last one
     is no further evidence. `judge_within_rad` is how close to the separating view that was reached last the rating
     decides: further away the candidates look the same, and whoever leads there leads by chance. `confirming_looks` is
-    at how many such looks in a row a candidate must lead to be named.
+    at how many such looks in a row a candidate must lead to be named. A named object's pose must be known to
+    `pose_tolerance_rad` (root mean squared angle) as well; infinite: the name is enough.
     """
 
     look_every_rad: float = 0.07
@@ -25,6 +26,7 @@ class TaskLimits:
     max_looks: int = 400
     max_failed_moves: int = 3
     max_missing_frames: int = 20
+    pose_tolerance_rad: float = float("inf")
 
 
 @dataclass(frozen=True, eq=False, slots=True)

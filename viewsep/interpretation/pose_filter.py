@@ -14,11 +14,20 @@ import numpy as np
 from pydantic import Field
 
 from viewsep.geometry import angle_between, nearest_rotation
-from viewsep.interfaces import Descriptor, Interpretation
+from viewsep.interfaces import Conclusion, Descriptor, Interpretation
 from viewsep.interpretation.likelihood import LAWS, Law, Library
 from viewsep.interpretation.rotation_grid import rotation_grid
 from viewsep.interpretation.view_cells import cell_of
-from viewsep.messages import Array, CandidateEstimate, Estimate, FloatArray, HypothesisViews, Percept, Phase
+from viewsep.messages import (
+    Array,
+    CandidateEstimate,
+    Estimate,
+    FloatArray,
+    HypothesisViews,
+    Outcome,
+    Percept,
+    Phase,
+)
 from viewsep.models.aspect_graph import AspectGraph
 
 SHOWN = 50  # hypotheses per candidate that are shown to people
@@ -129,18 +138,21 @@ class FilterInterpreter:
                     variance=poses[k][1],
                     converged=bool(poses[k][1] < limit),
                     hypotheses=len(self.rotations),
+                    probability=float(probability[k]),
                 )
                 for k, name in enumerate(self.library.names)
             ),
             comparisons=self.library.nodes,
             travel_rad=0.0,
             target=None,
+            unknown=float(np.exp(state.log_none)),
         )
-        reason = ""
+        known = None
         if leader >= 0:
             reason = f"its probability is {probability[leader]:.4f} after {state.looks} looks"
+            known = Conclusion(Outcome.IDENTIFIED, reason)
         converged = bool(poses[order[0]][1] < limit)
-        return Interpretation(estimate, rotations, converged, plausible, leader, fresh=False, reason=reason)
+        return Interpretation(estimate, rotations, converged, plausible, leader, fresh=False, conclusion=known)
 
     def _pose(self, log_p: Array) -> tuple[FloatArray, float]:
         """The mean rotation around the best one (3, 3), and the mean squared angle to it over all."""
