@@ -11,6 +11,7 @@ from typing import Any, cast
 from pydantic import TypeAdapter, ValidationError
 
 from viewsep.config import Config, PluginConfig, explain
+from viewsep.descriptors.joined import JOINT, JoinedDescriptor
 from viewsep.errors import BadConfig
 from viewsep.interfaces import Descriptor, Interpreter, Planner
 from viewsep.models.aspect_graph import AspectGraph
@@ -29,8 +30,22 @@ def names(kind: str) -> list[str]:
 
 
 def make_descriptor(config: PluginConfig) -> Descriptor:
-    """The descriptor with its parameters. Raises BadConfig."""
-    return cast(Descriptor, _options(_find("descriptor", config.name), "descriptor", config))
+    """The descriptor with its parameters, or several joined by `+`, whose options begin with their names.
+
+    Raises BadConfig.
+    """
+    if JOINT not in config.name:
+        return cast(Descriptor, _options(_find("descriptor", config.name), "descriptor", config))
+    names = config.name.split(JOINT)
+    if len(set(names)) < len(names):
+        raise BadConfig(f"descriptor.name = {config.name!r} names a descriptor twice: join different ones")
+    options: dict[str, dict[str, Any]] = {name: {} for name in names}
+    for key, value in config.options.items():
+        name, _, own = key.partition(".")
+        if name not in options or not own:
+            raise BadConfig(f"unknown key 'descriptor.options.{key}': write NAME.KEY with a NAME of {', '.join(names)}")
+        options[name][own] = value
+    return JoinedDescriptor([make_descriptor(PluginConfig(name=name, options=options[name])) for name in names])
 
 
 def make_interpreter(config: PluginConfig, models: Sequence[AspectGraph], descriptor: Descriptor) -> Interpreter:

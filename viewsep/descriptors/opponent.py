@@ -6,14 +6,13 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Annotated
 
-import cv2
 import numpy as np
 from pydantic import Field
 
+from viewsep.descriptors.exposure import opponent_colours
 from viewsep.errors import BadInput
 from viewsep.messages import Array, FloatArray
 
-EXPOSED_TO = 0.43  # mean lightness on the object after normalisation
 HALF_TURN = 6  # directions of the pixel pairs
 
 
@@ -82,31 +81,17 @@ class OpponentCooccurrence:
 
     def _weights(self, image: Array, mask: Array | None) -> tuple[Array, Array]:
         """(N, bins) float32 of the N pixels on the object, and (h, w) int32 their numbers, -1 elsewhere."""
-        on = np.ones(image.shape[:2], np.float32) if mask is None else mask.astype(np.float32)
-        size = (max(1, image.shape[1] // 2), max(1, image.shape[0] // 2))
-        blurred = cv2.GaussianBlur(image.astype(np.float32) * on[..., None], (0, 0), self.smooth_px)
-        share = cv2.GaussianBlur(on, (0, 0), self.smooth_px)
-        blurred = cv2.resize(blurred, size, interpolation=cv2.INTER_AREA)
-        share = cv2.resize(share, size, interpolation=cv2.INTER_AREA)
-        whole = cv2.resize(on, size, interpolation=cv2.INTER_AREA) > 0.99
-        inside = cv2.erode(whole.astype(np.uint8), np.ones((3, 3), np.uint8), borderType=cv2.BORDER_REPLICATE) > 0
+        channels, inside = opponent_colours(image, mask, self.smooth_px)
         index = np.full(inside.shape, -1, np.int32)
         index[inside] = np.arange(int(inside.sum()))
-        colour = blurred[inside] / np.maximum(share[inside], 1e-3)[:, None] / np.float32(255.0)
-        if len(colour) == 0:
-            return np.empty((0, self._bins), np.float32), index
-        colour = np.clip(colour * (EXPOSED_TO / max(float(colour.mean()), 1e-3)), 0.0, 1.0)
-        light = colour.mean(axis=1)
-        total = colour.sum(axis=1) + np.float32(0.15)
-        red_green = 2.0 * (colour[:, 0] - colour[:, 1]) / total
-        yellow_blue = (colour[:, 0] + colour[:, 1] - 2.0 * colour[:, 2]) / total
+        light, red_green, yellow_blue = channels[inside].T
         soft = np.einsum(
             "ni,nj,nk->nijk",
             _soft(light, 0.0, 0.9, self.lightness),
             _soft(red_green, -0.5, 0.6, self.opponents),
             _soft(yellow_blue, -0.4, 0.8, self.opponents),
         )
-        return soft.reshape(len(colour), -1), index
+        return soft.reshape(len(light), self._bins), index
 
     def _pairs(self, weights: Array, index: Array, distance: int) -> Array:
         """(bins (bins + 1) / 2,) how often two bins lie so far apart, in all directions."""
