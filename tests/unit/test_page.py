@@ -508,8 +508,8 @@ def test_probabilities_are_stepped_through(story: Story) -> None:
     assert table.text.split()[-5:] == ["none", "of", "them", "2.0", "%"]
     without = Page(page_of(probable(story, unknown=None)))
     assert [row[2] for row in without.data["steps"][-1]["cells"]] == ["90.0 %", "10.0 %"]
-    for table in ("rated", "estimates"):
-        assert "none of them" not in without.one("table", class_=table).text
+    for kind in ("rated", "estimates"):
+        assert "none of them" not in without.one("table", class_=kind).text
     assert "Probability" not in Page(page_of(story)).text
 
 
