@@ -90,19 +90,20 @@ def _joints(rig: RigStatus) -> Table:
 def candidate_table(
     candidates: tuple[CandidateStatus, ...], unknown: float | None = None, title: str = "", truth: str = ""
 ) -> Table:
-    """Candidates, the best one first, and none of them where that has a probability. `truth` is marked."""
+    """Candidates, the best one first, and none of them where that has a probability. `truth` is marked.
+
+    Probabilities take the place of ratings: they say the same better, and terminals are narrow.
+    """
     rated = any(candidate.probability is not None for candidate in candidates)
     table = Table(Column("candidate", no_wrap=True), title=title or None)
-    if rated:
-        table.add_column("probability", no_wrap=True)
-    for column in ("rating", "w0", "w1 deg", "w2", "pose x y z w", "spread deg"):
+    table.add_column("probability" if rated else "rating", no_wrap=rated)
+    for column in ("w0", "w1 deg", "w2", "pose x y z w", "spread deg"):
         table.add_column(column)
     for candidate in sorted(candidates, key=lambda candidate: candidate.rating):
         spread = "" if candidate.spread_deg is None else f"{candidate.spread_deg:.1f}"
         table.add_row(
             Text(candidate.name + (" (truth)" if candidate.name == truth else "")),
-            *([_percent(candidate.probability)] if rated else []),
-            f"{candidate.rating:.1f}",
+            _percent(candidate.probability) if rated else f"{candidate.rating:.1f}",
             f"{candidate.w0:.3f}",
             f"{candidate.w1_deg:.1f}",
             f"{candidate.w2:.3f}",
