@@ -210,8 +210,8 @@ def _fields(a: Item, b: Item, tolerance: float) -> Iterator[tuple[str, Any, Any]
 
 def _kind(protobuf: Protobuf) -> str:
     """Which of several kinds of message it is, empty where there is one kind only."""
-    chosen = [protobuf.WhichOneof(choice.name) or "" for choice in protobuf.DESCRIPTOR.oneofs]
-    return ".".join(chosen)
+    choices = [choice for choice in protobuf.DESCRIPTOR.oneofs if len(choice.fields) > 1]  # of one: an optional field
+    return ".".join(protobuf.WhichOneof(choice.name) or "" for choice in choices)
 
 
 def _count(a: Sequence[Item], b: Sequence[Item], topic: str, tolerance: float) -> Counted:

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from viewsep.account import NONE_OF_THEM
 from viewsep.errors import BadInput
 from viewsep.files import write_whole
 from viewsep.geometry import azimuth_elevation, matrix_to_quaternion
@@ -34,6 +35,7 @@ COLUMNS = (
     "azimuth_deg",
     "elevation_deg",
     "travel_deg",
+    "probability",
 )
 
 
@@ -42,7 +44,8 @@ def export_estimates(recording: Recording, out: Path, force: bool) -> Exported:
 
     Times count from the recording's first message, the view's angles are those of c in the control frame, the
     quaternion is the pose object -> control, and the spread is the root of the pose's variance. A number that is not
-    finite leaves its cell empty.
+    finite, or not known, leaves its cell empty. Where the interpreter has probabilities, a line for none of the
+    candidates follows theirs.
     """
     check_free(out, force)
     if out.is_dir():
@@ -72,8 +75,16 @@ def _rows(estimate: Estimate, view_direction: FloatArray, time_s: float) -> Iter
         yield [
             *(time_s, estimate.iteration, estimate.phase.value, candidate.name),
             *(_cell(number) for number in (*numbers, spread, *quaternion, *view, np.degrees(estimate.travel_rad))),
+            _cell(candidate.probability),
         ]
+    if estimate.unknown is not None:
+        said = {
+            **{"time_s": time_s, "iteration": estimate.iteration, "phase": estimate.phase.value},
+            **{"candidate": NONE_OF_THEM, "azimuth_deg": view[0], "elevation_deg": view[1]},
+            **{"travel_deg": float(np.degrees(estimate.travel_rad)), "probability": estimate.unknown},
+        }
+        yield [said.get(column, "") for column in COLUMNS]
 
 
-def _cell(number: float) -> float | str:
-    return float(number) if np.isfinite(number) else ""
+def _cell(number: float | None) -> float | str:
+    return "" if number is None or not np.isfinite(number) else float(number)

@@ -20,6 +20,7 @@ from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
 from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
 from google.protobuf.message import Message as Protobuf
 
+from viewsep.account import Account
 from viewsep.config import Config, geometry_of
 from viewsep.geometry import angle_between, azimuth_elevation, rotation_angle
 from viewsep.kinematics import RigGeometry
@@ -75,7 +76,13 @@ _PHASES = {
     Phase.APPROACHING: "Driving to the separating view",
     Phase.JUDGING: "Judging: the separating view was reached, from here on the ratings may decide.",
 }
-_LEVELS = {Outcome.IDENTIFIED: Log.INFO, Outcome.UNDECIDED: Log.WARNING, Outcome.FAILED: Log.ERROR}
+_LEVELS = {
+    Outcome.IDENTIFIED: Log.INFO,
+    Outcome.UNKNOWN: Log.WARNING,
+    Outcome.INDISTINGUISHABLE: Log.WARNING,
+    Outcome.UNDECIDED: Log.WARNING,
+    Outcome.FAILED: Log.ERROR,
+}
 
 
 class Scene:
@@ -182,9 +189,9 @@ class Scene:
                 yield Log.WARNING, f"Cancelled: {reason}"
             case RigFailed(reason=reason):
                 yield Log.ERROR, f"The rig failed: {reason}"
-            case Result(outcome=outcome, reason=reason):
-                named = f"{outcome} as {message.object}" if message.object else str(outcome)
-                yield _LEVELS[outcome], f"{named.capitalize()}: {reason}"
+            case Result(outcome=outcome):
+                account = Account.of(message)
+                yield _LEVELS[outcome], f"{account.ending[:1].upper()}{account.ending[1:]}: {account.grounds}"
             case Estimate(phase=phase) if phase != self._phase:
                 self._phase = phase
                 if phase in _PHASES:

@@ -11,7 +11,8 @@ from viewsep.recordings.what_if import Course, Ending
 
 @dataclass(frozen=True, slots=True)
 class Tally:
-    """How many recordings a method ended how in. `unchecked` are named objects where the truth is not known.
+    """How many recordings a method ended how in. `unchecked` are named objects where the truth is not known; `unknown`
+    and `indistinguishable` are counted by themselves, whatever the truth is, since they name nothing.
 
     `agree` and `differ` compare with the recorded decision where both decided. The medians, nan without any, are over
     the courses that named an object: looks and travel on the view sphere up to there.
@@ -20,6 +21,8 @@ class Tally:
     right: int
     wrong: int
     unchecked: int
+    unknown: int
+    indistinguishable: int
     undecided: int
     failed: int
     recording_ends: int
@@ -44,6 +47,8 @@ def tally(courses: Sequence[Course], recorded: Sequence[Course], truths: Sequenc
         right=answers.count(True),
         wrong=answers.count(False),
         unchecked=len(named) - answers.count(True) - answers.count(False),
+        unknown=endings.count(Ending.UNKNOWN),
+        indistinguishable=endings.count(Ending.INDISTINGUISHABLE),
         undecided=endings.count(Ending.UNDECIDED),
         failed=endings.count(Ending.FAILED),
         recording_ends=endings.count(Ending.RECORDING_ENDS),

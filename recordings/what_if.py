@@ -48,6 +48,8 @@ class Ending(StrEnum):
     """How a method's course through a recording ended."""
 
     IDENTIFIED = "identified"
+    UNKNOWN = "unknown"
+    INDISTINGUISHABLE = "indistinguishable"
     UNDECIDED = "undecided"
     FAILED = "failed"
     RECORDING_ENDS = "recording ends"  # before the method decided or gave up
@@ -57,6 +59,7 @@ class Ending(StrEnum):
 class Course:
     """What a method made of a recording's percepts. `object` is empty unless identified, `travel_rad` as in `Result`.
 
+    `indistinct` names the candidates, in alphabetical order, that remain when they are indistinguishable.
     `leading` is who was rated best at the last look, empty where nobody was alone in that, and `leads_since` the look
     (from 1) from which on that stayed so; 0 where there was none.
     """
@@ -69,12 +72,13 @@ class Course:
     comparisons: int
     leading: str
     leads_since: int
+    indistinct: tuple[str, ...] = ()
 
     def agrees(self, other: Course) -> bool | None:
         """Whether both decided the same; None where the recording ended before one of them did."""
         if Ending.RECORDING_ENDS in (self.ending, other.ending):
             return None
-        return (self.ending, self.object) == (other.ending, other.object)
+        return (self.ending, self.object, self.indistinct) == (other.ending, other.object, other.indistinct)
 
 
 def recorded_course(recording: Recording) -> Course:
@@ -207,6 +211,7 @@ def _course(result: Result | None, estimates: Sequence[Estimate]) -> Course:
             comparisons=result.comparisons,
             leading=leading,
             leads_since=since,
+            indistinct=tuple(sorted(result.indistinct)),
         )
     made = {estimate.iteration: estimate.comparisons for estimate in estimates}
     return Course(

@@ -56,8 +56,10 @@ ENGINE: Table = {
             "pose_quaternion_xyzw": [0.0, 0.0, 0.0, 1.0],
             "spread_deg": None,
             "converged": False,
+            "probability": None,
         }
     ],
+    "unknown": None,
     "looks": 4,
     "travel_deg": 30.0,
     "result": None,
@@ -70,7 +72,7 @@ ENGINE: Table = {
 }
 
 
-def result(task: str, outcome: str = "identified", found: str | None = "tea") -> Table:
+def result(task: str, outcome: str = "identified", found: str | None = "tea", **more: Any) -> Table:
     """How a task ended, as the status says it."""
     return {
         "task": task,
@@ -82,6 +84,10 @@ def result(task: str, outcome: str = "identified", found: str | None = "tea") ->
         "looks": 9,
         "travel_deg": 123.0,
         "recording": None,
+        "indistinct": [],
+        "telling_view_deg": None,
+        "pose_spread_deg": None,
+        **more,
     }
 
 
@@ -169,9 +175,9 @@ class FakeService:
         publisher.undeclare()
         return matching
 
-    def end_task(self, task: str, outcome: str = "identified", found: str | None = "tea") -> None:
+    def end_task(self, task: str, outcome: str = "identified", found: str | None = "tea", **more: Any) -> None:
         """The task has ended, says the status."""
-        self.status["engine"] = {**self.engine, "task": "", "owner": "", "result": result(task, outcome, found)}
+        self.status["engine"] = {**self.engine, "task": "", "owner": "", "result": result(task, outcome, found, **more)}
 
     def close(self) -> None:
         if not self._session.is_closed():

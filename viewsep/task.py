@@ -9,12 +9,13 @@ from typing import Any
 
 import numpy as np
 
+from viewsep.account import pose_spread_deg, telling_view_deg
 from viewsep.assembly import make_engine
 from viewsep.config import Config
 from viewsep.errors import BadInput
 from viewsep.geometry import matrix_to_quaternion, rotation_angle
 from viewsep.interfaces import Listener
-from viewsep.messages import Result
+from viewsep.messages import Outcome, Result
 from viewsep.models.aspect_graph import AspectGraph
 from viewsep.perception import RigPerception
 from viewsep.plugins import make_descriptor
@@ -44,7 +45,9 @@ class Task:
 class Answer:
     """The engine's result beside the truth. `pose_error_rad` is nan where the truth is not among the candidates.
 
-    `pictures` says what the simulated rig's camera showed, `rig` in words what moved and what saw.
+    `correct` says whether what was said is so, None where nothing was: `unknown` is right of what no candidate was
+    learned from, `indistinguishable` where the truth is one of those that remain. `pictures` says what the simulated
+    rig's camera showed, `rig` in words what moved and what saw.
     """
 
     task: Task
@@ -60,11 +63,14 @@ class Answer:
         return {
             "outcome": result.outcome.value,
             "object": result.object or None,
+            "indistinct": list(result.indistinct),
+            "telling_view_deg": telling_view_deg(result),
             "reason": result.reason,
             "truth": self.task.truth or None,
             "correct": self.correct,
             "ratings": dict(result.ratings),
             "pose_quaternion_xyzw": matrix_to_quaternion(result.rotation).tolist(),
+            "pose_spread_deg": pose_spread_deg(result),
             "pose_error_deg": None if np.isnan(self.pose_error_rad) else float(np.degrees(self.pose_error_rad)),
             "looks": result.looks,
             "travel_deg": float(np.degrees(result.travel_rad)),
@@ -123,8 +129,21 @@ def run_task(
     error = np.nan
     if task.truth:
         error = float(rotation_angle(result.rotation, simulated.true_rotation(result.stamp_ns)))
-    correct = result.object == task.truth if result.object else None
+    known = bool(task.truth) or any(m.provenance.source_digest == simulated.object_digest for m in models)
+    correct = _is_so(result, task.truth, known)
     return Answer(task, result, correct, error, simulated.pictures, simulated.described)
+
+
+def _is_so(result: Result, truth: str, known: bool) -> bool | None:
+    """Whether what was said is so; `known` says whether the object is a candidate. None where nothing was said."""
+    match result.outcome:
+        case Outcome.IDENTIFIED:
+            return result.object == truth
+        case Outcome.UNKNOWN:
+            return not known
+        case Outcome.INDISTINGUISHABLE if truth:
+            return truth in result.indistinct
+    return None
 
 
 def _run_recorded(task: Task, record: Path, config: Config, models: Sequence[AspectGraph], session: Session) -> Result:

@@ -345,5 +345,15 @@ def test_bad_names_and_streams(client: Client) -> None:
 
 def test_a_result_says_what_the_status_says(service: FakeService, client: Client) -> None:
     service.status["engine"] |= {"task": "t1"}
+    more = {"indistinct": ["tea", "decaf"], "telling_view_deg": [90.0, -85.0], "pose_spread_deg": 4.5}
+    service.end_task("t1", "indistinguishable", None, **more)
+    assert client.wait("t1", 5).model_dump(mode="json") == result("t1", "indistinguishable", None, **more)
+
+
+def test_a_result_of_an_older_service_lacks_what_it_did_not_know(service: FakeService, client: Client) -> None:
+    service.status["engine"] |= {"task": "t1"}
     service.end_task("t1")
-    assert client.wait("t1", 5).model_dump(mode="json") == result("t1")
+    for name in ("indistinct", "telling_view_deg", "pose_spread_deg"):
+        del service.engine["result"][name]
+    ended = client.wait("t1", 5)
+    assert (ended.object, ended.indistinct, ended.telling_view_deg, ended.pose_spread_deg) == ("tea", (), None, None)

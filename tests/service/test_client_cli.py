@@ -7,6 +7,7 @@ import json
 import os
 import signal
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -21,9 +22,8 @@ from viewsep.messages import CandidateEstimate, Estimate, Outcome, Phase, Result
 from viewsep.recordings.codec import to_bytes
 
 ENDED = Result(7, Outcome.IDENTIFIED, "tea", "rated 5 times better", (("tea", 1.0),), np.eye(3), 9, 1.0, 3)
-BELIEF = Estimate(
-    6, 4, Phase.EXPLORING, (CandidateEstimate("decaf", 2.0, 0.9, 0.1, 0.8, np.eye(3), 0.01, True, 50),), 5, 1.0, None
-)
+DECAF = CandidateEstimate("decaf", 2.0, 0.9, 0.1, 0.8, np.eye(3), 0.01, True, 50)
+BELIEF = Estimate(6, 4, Phase.EXPLORING, (DECAF,), 5, 1.0, None)
 
 
 @pytest.fixture
@@ -47,6 +47,17 @@ def test_status_as_tables(service: FakeService, shell: Shell) -> None:
     assert (ended.code, ended.err) == (0, "")
     for words in ("simulated", "generated:7", "standing", "4.0 Hz", "pan is hot [31 C]", "-20.00", "tea", "undecided"):
         assert words in ended.out
+
+
+def test_status_shows_probabilities_where_there_are_any(service: FakeService, shell: Shell) -> None:
+    assert "probability" not in shell("status").out
+    service.engine["candidates"][0]["probability"] = 0.625
+    service.engine["unknown"] = 0.25
+    service.end_task("t0", "identified", "tea", pose_spread_deg=4.2)
+    ended = shell("status")
+    for words in ("probability", "62.5 %", "none of them", "25.0 %", "Pose known to ±4°."):
+        assert words in ended.out
+    assert shell("status", "--json").json["engine"]["candidates"][0]["probability"] == 0.625
 
 
 def test_status_as_json_is_what_the_service_says(service: FakeService, shell: Shell) -> None:
@@ -103,24 +114,37 @@ def test_start_prints_the_task_that_goes_on(service: FakeService, shell: Shell) 
         ("start", {"owner": "ana", "token": "", "candidates": ["tea", "decaf"], "seed": 3}),
     ]
     assert shell("start", "--json").json == {"accepted": True, "task": "t1"}
+    assert shell("start", "--pose-tolerance", "4.5").code == 0
+    assert service.requests[-1][1]["pose_tolerance_deg"] == 4.5
+
+
+UNREACHABLE = {"indistinct": ["tea", "decaf"], "telling_view_deg": [90.0, -85.0], "reason": "no view tells them apart"}
 
 
 @pytest.mark.parametrize(
-    ("outcome", "found", "code", "words"),
+    ("outcome", "more", "code", "words"),
     [
-        ("identified", "tea", 0, "It is tea: rated 5 times better."),
-        ("undecided", None, 3, "undecided: rated"),
-        ("failed", None, 4, "failed: rated"),
-        ("of_the_future", None, 1, "update viewsep"),
+        ("identified", {"found": "tea"}, 0, "It is tea: rated 5 times better."),
+        ("identified", {"found": "tea", "pose_spread_deg": 4.2}, 0, "9 looks, 123° of travel, pose known to ±4°"),
+        ("undecided", {}, 3, "undecided: rated"),
+        ("failed", {}, 4, "failed: rated"),
+        ("unknown", {}, 6, "It is none of the candidates: rated"),
+        (
+            "indistinguishable",
+            UNREACHABLE,
+            7,
+            "It is tea or decaf: no view tells them apart; azimuth 90°, elevation -85°",
+        ),
+        ("of_the_future", {}, 1, "update viewsep"),
     ],
 )
 def test_start_and_wait_exits_as_the_task_ends(
-    service: FakeService, shell: Shell, outcome: str, found: str | None, code: int, words: str
+    service: FakeService, shell: Shell, outcome: str, more: Table, code: int, words: str
 ) -> None:
     def start(query: zenoh.Query, request: Table) -> None:
         service.engine["task"] = "t1"
         accept(query, task="t1")
-        service.end_task("t1", outcome, found)
+        service.end_task("t1", outcome, **{"found": None, **more})
 
     service.handlers["cmd/start"] = start
     ended = shell("start", "--wait")
@@ -196,6 +220,20 @@ def test_watch_draws_on_terminals(service: FakeService, shell: Shell, monkeypatc
     assert "rig: warm [x]" in ended.err
 
 
+@pytest.mark.parametrize("probability", [None, 0.625])
+def test_the_live_table_shows_probabilities_where_there_are_any(
+    probability: float | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drawn = io.StringIO()
+    monkeypatch.setattr(live, "people", Console(file=drawn, force_terminal=True, width=120))
+    unknown = None if probability is None else 0.25
+    with live.LiveTable("decaf") as table:
+        table.hear(7, replace(BELIEF, candidates=(replace(DECAF, probability=probability),), unknown=unknown))
+    assert "decaf (truth)" in drawn.getvalue()
+    for words in ("probability", "62.5 %", "none of them", "25.0 %"):
+        assert (words in drawn.getvalue()) is (probability is not None)
+
+
 def test_watch_tells_the_task_that_has_just_ended(service: FakeService, shell: Shell) -> None:
     service.end_task("t1", "undecided", None)
     ended = shell("watch")
@@ -249,6 +287,7 @@ BAD = {
     "rig unknown": ("status --rig crane", "no rig 'crane' at .*: choose bench"),
     "rig with a star": ("status --rig *", "rig '\\*': a rig's name has"),
     "rig for start": ("start --rig crane", "no rig 'crane'"),
+    "tolerance of nothing": ("start --pose-tolerance 0", "--pose-tolerance 0: give degrees above 0 and up to 180"),
     "wait and follow": ("start --wait --follow", "--wait and --follow exclude each other"),
     "empty candidate": ("start --candidates tea,", "--candidates 'tea,' has an empty name"),
     "view of one number": ("move --view 90", "--view '90': write azimuth and elevation, e.g. --view 90,30"),

@@ -17,6 +17,7 @@ from shell import Shell
 
 from viewsep import __version__
 from viewsep.cli import main
+from viewsep.cli.separate import exit_code, tell
 from viewsep.config import Config, PluginConfig, geometry_of, load_config
 from viewsep.interpretation.interpreter import PathOptions
 from viewsep.messages import CancelRequested, Outcome, Result
@@ -26,6 +27,9 @@ from viewsep.planning.reachable import ReachableViews
 from viewsep.plugins import make_descriptor, make_interpreter, make_planner
 from viewsep.recordings.reader import read_recording
 from viewsep.recordings.replay import verify
+from viewsep.rigs import PictureKind
+from viewsep.session import Session
+from viewsep.task import Answer, Task, run_task
 
 CONFIGS = Path(__file__).parents[2] / "docs" / "config"
 PRESETS = ["gimbal", "pan_tilt", "turntable", "wrist"]
@@ -34,11 +38,14 @@ PNG = b"\x89PNG\r\n\x1a\n"
 ANSWER_KEYS = {
     "outcome",
     "object",
+    "indistinct",
+    "telling_view_deg",
     "reason",
     "truth",
     "correct",
     "ratings",
     "pose_quaternion_xyzw",
+    "pose_spread_deg",
     "pose_error_deg",
     "looks",
     "travel_deg",
@@ -190,6 +197,95 @@ def test_an_object_that_is_no_candidate_has_no_truth(shell: Shell, lib: Path, sh
     ended = shell("separate", "--models", lib, "--object", "generated:9", "--config", short, "--json")
     assert (ended.json["truth"], ended.json["correct"], ended.json["pose_error_deg"]) == (None, None, None)
     assert ended.code == 3
+
+
+@pytest.mark.needs_pybullet
+def test_a_posterior_knows_its_pose_and_the_tolerance_asks_for_it(shell: Shell, lib: Path) -> None:
+    typed: list[str | Path] = ["separate", "--models", lib, "--truth", NAMES[0], "--interpreter", "filter"]
+    named = shell(*typed, "--json")
+    tolerance = named.json["pose_spread_deg"] / 2
+    known = shell(*typed, "--pose-tolerance", f"{tolerance}", "--json")
+    assert (named.code, known.code) == (0, 0)
+    assert known.json["pose_spread_deg"] <= tolerance
+    assert known.json["looks"] > named.json["looks"]
+    assert "comparisons, pose known to ±" in shell(*typed).out
+
+
+@pytest.mark.needs_pybullet
+def test_paths_do_not_know_how_well_they_know_the_pose(shell: Shell, lib: Path, short: Path) -> None:
+    typed: list[str | Path] = ["separate", "--models", lib, "--truth", NAMES[0], "--config", short]
+    ended = shell(*typed, "--pose-tolerance", 5, "--json")
+    assert "note: interpreter path does not know how well the pose is known" in " ".join(ended.err.split())
+    assert (ended.code, ended.json["pose_spread_deg"]) == (3, None)
+    assert shell(*typed, "--json").err == ""
+
+
+@pytest.mark.needs_pybullet
+def test_a_planner_is_chosen_by_its_name(shell: Shell, lib: Path, short: Path, tmp_path: Path) -> None:
+    typed: list[str | Path] = ["separate", "--models", lib, "--truth", NAMES[0], "--config", short]
+    shell(*typed, "--planner", "random", "--record", tmp_path / "run.mcap")
+    recorded = json.loads(read_recording(tmp_path / "run.mcap").metadata["config"]["json"])
+    assert recorded["planner"] == {"name": "random", "options": {}}
+    ended = shell(*typed, "--planner", "clairvoyant")
+    assert ended.code == 2
+    assert "no planner is called 'clairvoyant': choose one of" in " ".join(ended.err.split())
+
+
+def told(outcome: Outcome, truth: str, correct: bool | None, **more: Any) -> Answer:
+    result = Result(9, outcome, more.pop("named", ""), "why", (), np.eye(3), 3, 0.1, 9, **more)
+    return Answer(Task("generated:5", truth, 0), result, correct, np.nan, PictureKind.RENDERED, "simulated rig")
+
+
+ANSWERS = {
+    "right name": (told(Outcome.IDENTIFIED, "tea", True, named="tea"), 0, "It is tea (right): why."),
+    "wrong name": (told(Outcome.IDENTIFIED, "decaf", False, named="tea"), 5, "It is tea (wrong: it is decaf): why."),
+    "name, no truth": (told(Outcome.IDENTIFIED, "", False, named="tea"), 0, "It is tea: why."),
+    "unknown, right": (told(Outcome.UNKNOWN, "", True), 6, "It is none of the candidates (right): why."),
+    "unknown, wrong": (
+        told(Outcome.UNKNOWN, "tea", False),
+        5,
+        "It is none of the candidates (wrong: it is tea): why.",
+    ),
+    "unknown, learned": (
+        told(Outcome.UNKNOWN, "", False),
+        5,
+        "It is none of the candidates (wrong: it is one of them): why.",
+    ),
+    "twins": (
+        told(Outcome.INDISTINGUISHABLE, "tea", True, indistinct=("tea", "decaf"), telling_view=np.array([0, 1.0, 0])),
+        7,
+        "It is tea or decaf (right): why; azimuth 90°, elevation 0° would, which it cannot reach.",
+    ),
+    "other twins": (
+        told(Outcome.INDISTINGUISHABLE, "mate", False, indistinct=("tea", "decaf")),
+        5,
+        "It is tea or decaf (wrong: it is mate): why.",
+    ),
+    "undecided": (told(Outcome.UNDECIDED, "tea", None), 3, "undecided: why."),
+    "failed": (told(Outcome.FAILED, "tea", None), 4, "failed: why."),
+}
+
+
+@pytest.mark.parametrize("ending", ANSWERS)
+def test_every_answer_has_its_sentence_and_exit_code(ending: str, capsys: pytest.CaptureFixture[str]) -> None:
+    answer, code, sentence = ANSWERS[ending]
+    tell(answer)
+    assert capsys.readouterr().out.splitlines()[0] == sentence
+    assert exit_code(answer) == code
+
+
+@pytest.mark.needs_pybullet
+@pytest.mark.parametrize(
+    ("truth", "source", "correct", "code"),
+    [(NAMES[0], "generated:5", False, 5), ("", "generated:5", False, 5), ("", "generated:9", True, 6)],
+)
+def test_unknown_is_right_of_what_no_candidate_was_learned_from(
+    truth: str, source: str, correct: bool, code: int, lib: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ended = Result(9, Outcome.UNKNOWN, "", "why", (), np.eye(3), 3, 0.1, 9)
+    monkeypatch.setattr(Session, "run", lambda *_: ended)
+    answer = run_task(Task(source, truth, 0), Config(), load_library(lib))
+    assert (answer.correct, exit_code(answer)) == (correct, code)
 
 
 @pytest.mark.needs_pybullet

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
-from dataclasses import fields, is_dataclass
+from dataclasses import fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any, get_args
 
@@ -37,7 +37,10 @@ PERCEPT = st.builds(
     hnp.arrays(np.float32, st.integers(0, 20), elements=st.floats(width=32)),
     doubles(3),
 )
-CANDIDATE = st.builds(m.CandidateEstimate, TEXT, FLOAT, FLOAT, FLOAT, FLOAT, doubles(3, 3), FLOAT, st.booleans(), INT64)
+OPTIONAL = st.none() | FLOAT
+CANDIDATE = st.builds(
+    *(m.CandidateEstimate, TEXT, FLOAT, FLOAT, FLOAT, FLOAT, doubles(3, 3), FLOAT, st.booleans(), INT64, OPTIONAL)
+)
 JOINTS = st.lists(FLOAT).map(tuple)
 STRATEGIES: dict[type, st.SearchStrategy[Any]] = {
     m.JointState: st.builds(m.JointState, INT64, JOINTS, JOINTS, st.booleans(), TEXT),
@@ -60,6 +63,7 @@ STRATEGIES: dict[type, st.SearchStrategy[Any]] = {
         INT64,
         FLOAT,
         st.none() | doubles(3),
+        OPTIONAL,
     ),
     m.Result: st.builds(
         m.Result,
@@ -72,6 +76,9 @@ STRATEGIES: dict[type, st.SearchStrategy[Any]] = {
         INT64,
         FLOAT,
         INT64,
+        st.lists(TEXT, max_size=3).map(tuple),
+        st.none() | doubles(3),
+        OPTIONAL,
     ),
     m.Keyframe: st.builds(m.Keyframe, INT64, st.binary(max_size=100)),
 }
@@ -119,6 +126,22 @@ def test_no_target_differs_from_the_null_vector() -> None:
     assert codec.to_bytes(without) != codec.to_bytes(null)
 
 
+def test_not_known_differs_from_zero() -> None:
+    """A field that is not known is absent, and absent in recordings from before there was such a field."""
+    unrated = m.CandidateEstimate("tea", 1.0, 0.5, 0.1, 0.5, np.eye(3), 0.0, True, 50)
+    estimate = m.Estimate(0, 0, m.Phase.EXPLORING, (unrated,), 0, 0.0, None)
+    result = m.Result(9, m.Outcome.IDENTIFIED, "tea", "why", (), np.eye(3), 3, 0.1, 9)
+    for without, with_zero in (
+        (estimate, replace(estimate, unknown=0.0)),
+        (estimate, replace(estimate, candidates=(replace(unrated, probability=0.0),))),
+        (result, replace(result, pose_spread_rad=0.0)),
+        (result, replace(result, telling_view=np.zeros(3))),
+    ):
+        assert codec.to_bytes(without) != codec.to_bytes(with_zero)
+    _, older = codec.encode(result)
+    assert {"indistinct", "telling_view", "pose_spread_rad"} & {field.name for field, _ in older.ListFields()} == set()
+
+
 @pytest.mark.parametrize(
     ("message", "says"),
     [
@@ -126,6 +149,10 @@ def test_no_target_differs_from_the_null_vector() -> None:
         (m.MoveTo(1, np.zeros(3, np.float32), m.Phase.STARTING), "float32 instead of"),
         (m.Estimate(0, 0, m.Phase.IDLE, (), 0, 0.0, np.zeros(0)), r"target is \(0,\)"),
         (m.PerceptReceived(m.Percept(0, 0, "cch", np.zeros(4), np.zeros(3))), r"feature is \(4,\) float64"),
+        (
+            m.Result(9, m.Outcome.UNKNOWN, "", "", (), np.eye(3), 3, 0.1, 9, telling_view=np.zeros(2)),
+            r"Result .*telling_view is \(2,\)",
+        ),
         (m.TaskStarted(0, 2**63, np.zeros(3)), "TaskStarted cannot be recorded"),
         (m.Stop(1, "\ud800"), "Stop cannot be recorded"),
     ],
@@ -143,6 +170,8 @@ def test_what_cannot_be_held_exactly_is_refused(message: codec.Recordable, says:
         ("command", pb.Command(move_to=pb.MoveTo(view_direction=[0, 0, 1], purpose="flying")), "'flying'"),
         ("estimate", pb.Estimate(phase="idle", target=[1.0]), "target has 1 numbers"),
         ("result", pb.Result(outcome="identified"), "rotation has 0 numbers"),
+        ("result", pb.Result(outcome="unknown", rotation=[0.0] * 9, telling_view=[1.0]), "telling_view has 1 numbers"),
+        ("result", pb.Result(outcome="of_the_future", rotation=[0.0] * 9), "'of_the_future'"),
         ("result", pb.Event(), "'result' does not hold viewsep.Event"),
         ("weather", pb.Event(), "'weather'"),
         ("camera/image", pb.Event(), "'camera/image'"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
+from typing import TypeVar
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from viewsep.descriptors.cch import ColourCooccurrence
 from viewsep.engine.engine import Engine
 from viewsep.engine.state import EngineState, TaskLimits
 from viewsep.geometry import angle_between, delaunay_edges, equidistant_sphere, spherical_direction
-from viewsep.interfaces import Interpretation, NextView
+from viewsep.interfaces import Conclusion, Interpretation, NextView
 from viewsep.interpretation.interpreter import PathInterpreter
 from viewsep.kinematics import preset
 from viewsep.messages import (
@@ -32,6 +33,7 @@ from viewsep.messages import (
     Percept,
     PerceptReceived,
     Phase,
+    Result,
     Stop,
     TaskStarted,
 )
@@ -39,6 +41,8 @@ from viewsep.models.aspect_graph import AspectGraph, Provenance
 from viewsep.planning.planner import SeparatingViewPlanner
 from viewsep.planning.reachable import ReachableViews
 from viewsep.recordings.codec import to_bytes
+
+T = TypeVar("T")
 
 
 def at(azimuth_deg: float) -> FloatArray:
@@ -55,10 +59,16 @@ def seen(azimuth_deg: float, stamp_ns: int = 1) -> PerceptReceived:
 
 @dataclass
 class ScriptedInterpreter:
-    """Names `leaders` one after the other (the last one for ever); fresh at the updates listed. The state counts."""
+    """Names `leaders` one after the other (the last one for ever); fresh at the updates listed. The state counts.
+
+    `concludes` and `spreads` (radians, of every pose) follow each other likewise; with `probabilities` it has those.
+    """
 
     leaders: Sequence[int] = (-1,)
     fresh_at: tuple[int, ...] = ()
+    concludes: Sequence[Conclusion | None] = (None,)
+    spreads: Sequence[float] = (0.0,)
+    probabilities: bool = False
     state_type: type = int
 
     def start(self) -> int:
@@ -66,18 +76,26 @@ class ScriptedInterpreter:
 
     def update(self, state: int, percept: Percept) -> tuple[int, Interpretation]:
         rotation = np.eye(3)
-        leader = self.leaders[min(state, len(self.leaders) - 1)]
+        leader, concluded = _at(self.leaders, state), _at(self.concludes, state)
+        spread = _at(self.spreads, state)
         ratings = [1.0 if k == leader else 8.0 for k in range(2)]
         candidates = tuple(
-            CandidateEstimate(name, rating, 0.5, 0.1, 0.5, rotation, 0.0, True, 1)
+            CandidateEstimate(
+                *(name, rating, 0.5, 0.1, 0.5, rotation, spread**2, True, 1, 0.5 if self.probabilities else None)
+            )
             for name, rating in zip("ab", ratings, strict=True)
         )
         estimate = Estimate(percept.stamp_ns, -1, Phase.IDLE, candidates, 10, -1.0, None)
         rotations = np.stack([rotation, rotation])
-        return state + 1, Interpretation(estimate, rotations, True, np.ones(2, bool), leader, state in self.fresh_at)
+        fresh = state in self.fresh_at
+        return state + 1, Interpretation(estimate, rotations, True, np.ones(2, bool), leader, fresh, concluded)
 
     def hypotheses(self, state: int, stamp_ns: int) -> HypothesisViews:
         return HypothesisViews(stamp_ns, ("a", "b"), np.empty(0, int), np.empty((0, 3)), np.empty(0))
+
+
+def _at(script: Sequence[T], step: int) -> T:
+    return script[min(step, len(script) - 1)]
 
 
 @dataclass
@@ -92,7 +110,7 @@ class ScriptedPlanner:
         return 0, self.first
 
     def next_view(self, state: int, view_direction: FloatArray, belief: Interpretation | None) -> tuple[int, NextView]:
-        return state + 1, self.plans[min(state, len(self.plans) - 1)]
+        return state + 1, _at(self.plans, state)
 
 
 START = NextView(at(10), Phase.STARTING)
@@ -449,3 +467,128 @@ def test_a_separating_view_chosen_before_all_was_lost_decides_nothing() -> None:
     state, _ = after(machine, *TO_THE_VIEW, MoveSettled(2, 1), *(seen(90) for _ in range(6)))
     assert state.separating_view is None
     assert state.result is None
+
+
+# ---- conclusions ----
+
+SURE = Conclusion(Outcome.IDENTIFIED, "it is most probable")
+NOBODY = Conclusion(Outcome.UNKNOWN, "it is most probable")
+TWINS = Conclusion(Outcome.INDISTINGUISHABLE, "no view tells them apart", (0, 1), at(45))
+LOOKING: list[Event] = [STARTED, MoveSettled(1, 0)]
+WITHIN_5 = TaskLimits(pose_tolerance_rad=float(np.radians(5.0)), max_looks=6)
+
+
+def sure(
+    concludes: Sequence[Conclusion | None] = (SURE,),
+    spreads_deg: Sequence[float] = (12.0,),
+    plans: Sequence[NextView] = (EXPLORE,),
+    limits: TaskLimits = WITHIN_5,
+    leader: int = 1,
+) -> Engine:
+    spreads = [float(np.radians(spread)) for spread in spreads_deg]
+    interpreter = ScriptedInterpreter((leader,), (), concludes, spreads, probabilities=True)
+    return Engine(interpreter, ScriptedPlanner(START, plans), limits)
+
+
+def ended(state: EngineState) -> Result:
+    assert state.result is not None
+    assert state.phase is Phase.DONE
+    return state.result
+
+
+def test_whoever_is_sure_is_heard_at_once_wherever_it_looks() -> None:
+    state, commands = after(sure([None, SURE], limits=TaskLimits()), *LOOKING, seen(10), seen(20))
+    result = ended(state)
+    assert (result.outcome, result.object, result.reason) == (Outcome.IDENTIFIED, "b", "it is most probable")
+    assert (result.looks, result.indistinct, result.telling_view) == (2, (), None)
+    assert result.pose_spread_rad == pytest.approx(np.radians(12.0))
+    assert [isinstance(issued[-1], Stop) for issued in commands[-2:] if issued] == [True]
+
+
+def test_a_rating_alone_does_not_know_how_well_the_pose_is_known() -> None:
+    machine = engine(leaders=[0], plans=[ARRIVE, STAY], limits=WITHIN_20_TWICE)
+    state, _ = after(machine, *TO_THE_VIEW, MoveSettled(2, 1), seen(90), seen(75))
+    assert ended(state).pose_spread_rad is None
+
+
+def test_a_name_waits_until_its_pose_is_known() -> None:
+    machine = sure(spreads_deg=[12.0, 8.0, 5.1, 4.9])
+    state, commands = after(machine, *LOOKING, seen(10), seen(20), seen(30))
+    assert (state.result, commands[-1], state.looks) == (None, (), 3)
+    state, _ = machine.step(state, seen(40))
+    result = ended(state)
+    assert (result.outcome, result.object, result.reason) == (Outcome.IDENTIFIED, "b", "it is most probable")
+    assert result.pose_spread_rad == pytest.approx(np.radians(4.9))
+
+
+def test_a_name_that_is_not_sure_any_more_waits_no_longer() -> None:
+    machine = sure([SURE, None], spreads_deg=[12.0, 4.0])
+    state, _ = after(machine, *LOOKING, seen(10), seen(20), DeadlinePassed(9))
+    assert (ended(state).outcome, ended(state).object) == (Outcome.UNDECIDED, "")
+
+
+@pytest.mark.parametrize("spent", ["looks", "time"])
+def test_a_name_that_waits_when_the_budget_is_spent_is_said_all_the_same(spent: str) -> None:
+    events: list[Event] = [*LOOKING, *(seen(10 * i, i) for i in range(1, 6))]
+    state, _ = after(sure(), *events)
+    assert state.result is None
+    state, commands = after(sure(), *events, seen(60, 6) if spent == "looks" else DeadlinePassed(6))
+    result = ended(state)
+    assert (result.outcome, result.object, result.stamp_ns) == (Outcome.IDENTIFIED, "b", 6)
+    assert result.reason == "it is most probable; the budget was spent before its pose was sure"
+    assert result.pose_spread_rad == pytest.approx(np.radians(12.0))
+    assert isinstance(commands[-1][0], Stop)
+
+
+def test_a_planner_that_sees_no_use_in_going_on_ends_it() -> None:
+    plans = [EXPLORE, NextView(None, Phase.EXPLORING, conclusion=TWINS)]
+    machine = sure([None], plans=plans, leader=-1)
+    state, commands = after(machine, *LOOKING, seen(10, 4), MoveSettled(5, 1))
+    result = ended(state)
+    assert (result.outcome, result.object, result.reason) == (Outcome.INDISTINGUISHABLE, "", "no view tells them apart")
+    assert (result.indistinct, result.stamp_ns) == (("a", "b"), 4)
+    assert result.telling_view is not None
+    np.testing.assert_array_equal(result.telling_view, at(45))
+    (stop,) = commands[-1]
+    assert (type(stop), getattr(stop, "reason", "")) == (Stop, "indistinguishable")
+
+
+def test_a_planner_that_has_seen_nothing_yet_concludes_nothing() -> None:
+    machine = sure([None], plans=[NextView(None, Phase.EXPLORING, conclusion=TWINS)], leader=-1)
+    state, commands = after(machine, *LOOKING)
+    assert (state.result, commands[-1], state.dwelling) == (None, (), True)
+    state, _ = machine.step(state, seen(10))
+    assert ended(state).outcome is Outcome.INDISTINGUISHABLE
+
+
+def test_a_name_that_waits_is_said_when_the_planner_sees_no_use_in_going_on() -> None:
+    hopeless = Conclusion(Outcome.INDISTINGUISHABLE, "no view says more about its pose", (0, 1), at(45))
+    plans = [EXPLORE, NextView(None, Phase.EXPLORING, conclusion=hopeless)]
+    state, _ = after(sure(plans=plans), *LOOKING, seen(10), MoveSettled(2, 1))
+    result = ended(state)
+    assert (result.outcome, result.object) == (Outcome.IDENTIFIED, "b")
+    assert result.reason == "it is most probable; no view says more about its pose"
+    assert (result.indistinct, result.telling_view) == ((), None)
+
+
+def test_an_unknown_object_has_no_pose_to_wait_for() -> None:
+    state, commands = after(sure([NOBODY], spreads_deg=[120.0], leader=-1), *LOOKING, seen(10))
+    result = ended(state)
+    assert (result.outcome, result.object, result.reason) == (Outcome.UNKNOWN, "", "it is most probable")
+    assert (result.looks, [name for name, _ in result.ratings]) == (1, ["a", "b"])
+    assert isinstance(commands[-1][0], Stop)
+
+
+def test_a_cancelled_task_failed_even_where_a_name_waits() -> None:
+    state, _ = after(sure(), *LOOKING, seen(10), CancelRequested(9, "lunch"))
+    assert (ended(state).outcome, ended(state).object) == (Outcome.FAILED, "")
+
+
+def test_a_name_that_waits_survives_being_saved() -> None:
+    machine = sure(spreads_deg=[12.0, 4.0])
+    state, _ = after(machine, *LOOKING, seen(10))
+    again = machine.restore(machine.save(state))
+    assert machine.save(again) == machine.save(state)
+    assert to_bytes(ended(machine.step(again, seen(20))[0])) == to_bytes(ended(machine.step(state, seen(20))[0]))
+    done, _ = machine.step(state, seen(20))
+    assert machine.save(machine.restore(machine.save(done))) == machine.save(done)

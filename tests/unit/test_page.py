@@ -33,6 +33,7 @@ from viewsep.messages import (
     Message,
     MoveFailed,
     MoveTo,
+    Outcome,
     RigFailed,
 )
 from viewsep.models import library
@@ -406,6 +407,120 @@ def test_every_ending_is_told(golden: Recording, ending: str) -> None:
     assert decision.kind == kind
     assert sentence in decision.sentence
     assert any(reason in said for said in decision.reasons)
+
+
+def concluded(told: Story, outcome: Outcome, **more: Any) -> Story:
+    """The story as if the engine had come to another result."""
+    assert told.end is not None
+    assert told.end.result is not None
+    result = replace(told.end.result, **{"outcome": outcome, "object": "", "reason": "why it is so", **more})
+    return replace(told, end=replace(told.end, result=result))
+
+
+def named_by(told: Story, truth: str) -> Story:
+    return replace(told, task={**told.task, "truth": truth})
+
+
+TWINS = ("product_7", "product_7_twin_face")
+BELOW = np.array([0.0, 0.0, -1.0])
+CONCLUSIONS: dict[str, tuple[Outcome, tuple[str, ...], str, str, str, str]] = {
+    "no candidate": (
+        *(Outcome.UNKNOWN, (), "a duck", "right", "Unknown, right"),
+        "It is none of the candidates, and that is right: it was a duck.",
+    ),
+    "a candidate": (
+        *(Outcome.UNKNOWN, (), "product_7", "wrong", "Unknown, wrong"),
+        "It was taken for none of the candidates, and that is wrong: it was product_7.",
+    ),
+    "who knows": (
+        *(Outcome.UNKNOWN, (), "", "named", "Unknown, truth not recorded"),
+        "It is none of the candidates.",
+    ),
+    "twins": (
+        *(Outcome.INDISTINGUISHABLE, TWINS, "product_7", "undecided", "Indistinguishable"),
+        "It is product_7 or product_7_twin_face: which of them, no view that this rig can show tells. "
+        "It was product_7.",
+    ),
+    "twins, who knows": (
+        *(Outcome.INDISTINGUISHABLE, TWINS, "", "undecided", "Indistinguishable"),
+        "It is product_7 or product_7_twin_face: which of them, no view that this rig can show tells.",
+    ),
+    "neither": (
+        *(Outcome.INDISTINGUISHABLE, TWINS, "a duck", "wrong", "Indistinguishable, wrong"),
+        "It was taken for product_7 or product_7_twin_face, and that is wrong: it was a duck.",
+    ),
+}
+
+
+@pytest.mark.parametrize("ending", CONCLUSIONS)
+def test_every_conclusion_is_told(story: Story, ending: str) -> None:
+    outcome, indistinct, truth, kind, badge, sentence = CONCLUSIONS[ending]
+    told = concluded(named_by(story, truth), outcome, indistinct=indistinct, telling_view=BELOW if indistinct else None)
+    decision = decide(told)
+    assert (decision.kind, decision.badge, decision.sentence) == (kind, badge, sentence)
+    would = "; azimuth 0°, elevation -90° would, which it cannot reach" if indistinct else ""
+    assert decision.reasons[0] == f"Why it is so{would}."
+    assert told.differs
+
+
+def test_a_pose_that_is_known_is_told(story: Story) -> None:
+    spread_rad = float(np.radians(4.2))
+    assert (
+        "Pose known to ±4°."
+        in decide(concluded(story, Outcome.IDENTIFIED, object="product_7", pose_spread_rad=spread_rad)).reasons
+    )
+    assert not any("known to" in reason for reason in decide(story).reasons)
+
+
+def probable(told: Story, best: float = 0.9, unknown: float | None = 0.02) -> Story:
+    """The story as if an interpreter with probabilities had told it: the best one's grows from look to look."""
+    looks = []
+    for number, look in enumerate(told.looks, start=1):
+        share = best * number / len(told.looks)
+        first, second = look.belief.estimate.candidates
+        rated = (replace(first, probability=1.0 - share - (unknown or 0.0)), replace(second, probability=share))
+        estimate = replace(look.belief.estimate, candidates=rated, unknown=unknown)
+        looks.append(replace(look, belief=replace(look.belief, estimate=estimate)))
+    return replace(told, looks=looks)
+
+
+def test_probabilities_take_the_place_of_ratings(story: Story) -> None:
+    page = Page(page_of(probable(story)))
+    rated = page.one("table", class_="rated").text
+    assert rated.split()[-15:] == [
+        *("product_7_twin_face", "the", "true", "one", "90.0", "%", "named"),
+        *("product_7", "8.0", "%", "none", "of", "them", "2.0", "%"),
+    ]
+    assert "Probabilities after the last look" in rated
+    assert "Times the best" not in rated
+    assert "Probability (at the end 90.0 %)" in page.text
+    assert "Ratings" not in page.text
+    assert "paths begin" not in page.text
+
+
+def test_probabilities_are_stepped_through(story: Story) -> None:
+    page = Page(page_of(probable(story)))
+    rows = page.data["steps"][-1]["cells"]
+    assert [row[2] for row in rows] == ["90.0 %", "8.0 %", "2.0 %"]
+    assert [len(row) for row in rows] == [8, 8, 8]
+    assert set(rows[2]) == {"", "2.0 %"}
+    table = page.one("table", class_="estimates")
+    assert table.text.split()[-5:] == ["none", "of", "them", "2.0", "%"]
+    without = Page(page_of(probable(story, unknown=None)))
+    assert [row[2] for row in without.data["steps"][-1]["cells"]] == ["90.0 %", "10.0 %"]
+    for kind in ("rated", "estimates"):
+        assert "none of them" not in without.one("table", class_=kind).text
+    assert "Probability" not in Page(page_of(story)).text
+
+
+def test_an_unknown_object_says_how_probable_that_is(story: Story) -> None:
+    told = named_by(concluded(probable(story, 0.05, 0.93), Outcome.UNKNOWN), "a duck")
+    page = Page(page_of(told))
+    said = "none of them 93.0\u00a0%, product_7_twin_face 5.0\u00a0%, product_7 2.0\u00a0%."
+    assert f"How probable they were at the end: {said}" in decide(told).reasons
+    rated = page.one("table", class_="rated").text.split()
+    assert rated[-9:] == ["none", "of", "them", "the", "true", "one", "93.0", "%", "named"]
+    assert "Probability (at the end none of them 93.0 %)" in page.text
 
 
 def test_troubles_have_their_rows(golden: Recording) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
@@ -27,6 +28,7 @@ from viewsep.perception import RigPerception
 from viewsep.plots.contact_sheet import contact_sheet, sheet_order
 from viewsep.plots.report import report
 from viewsep.plots.sphere import SphereView, along_arcs, draw_globe, draw_path
+from viewsep.plots.story import retell
 from viewsep.recording import task_recorder
 from viewsep.recordings.reader import Recording, read_recording
 
@@ -148,6 +150,19 @@ def test_every_ending_has_a_report(tmp_path: Path, ending: str) -> None:
     report(record(tmp_path / "a.mcap", ENDINGS[ending]), tmp_path / "a.png")
     assert read_png(tmp_path / "a.png").shape == (1200, 1600, 3)
     assert sorted(p.name for p in tmp_path.iterdir()) == ["a.mcap", "a.png"]
+
+
+@pytest.mark.parametrize("candidates", [2, 3, 12])
+def test_a_posterior_has_a_report(tmp_path: Path, candidates: int) -> None:
+    recording = record(tmp_path / "a.mcap", [*way(3), DeadlinePassed(99)], candidates)
+    config = json.dumps({"interpreter": {"name": "filter", "options": {"rotations": 1000}}})
+    told = replace(recording, metadata={**recording.metadata, "config": {"json": config}})
+    report(told, tmp_path / "a.png")
+    assert read_png(tmp_path / "a.png").shape == (1200, 1600, 3)
+    story = retell(told)
+    assert story.has_probabilities
+    total = story.series("probability").sum(axis=1) + story.unknown
+    np.testing.assert_allclose(total, 1.0, atol=1e-4)
 
 
 @pytest.mark.parametrize("candidates", [3, 12])

@@ -111,6 +111,22 @@ FOUND: dict[str, tuple[Change, str]] = {
         altered("result", 0, lambda result: replace(result, reason="x" * 200)),
         r"result 0 at 17.600 s, field reason: 'its path rates .* separating view' in A, 'x{79}\.\.\. in B",
     ),
+    "probability": (
+        altered(
+            "estimate",
+            11,
+            lambda e: replace(e, candidates=(replace(e.candidates[0], probability=0.0), e.candidates[1])),
+        ),
+        r"estimate 11 at \d+\.\d{3} s, field candidates\[0\]\.probability: absent in A, present in B",
+    ),
+    "none of them": (
+        altered("estimate", 11, lambda estimate: replace(estimate, unknown=0.0)),
+        r"estimate 11 at \d+\.\d{3} s, field unknown: absent in A, present in B",
+    ),
+    "indistinguishable": (
+        altered("result", 0, lambda result: replace(result, indistinct=("tea", "decaf"))),
+        r"result 0 at 17.600 s, field indistinct: 0 values in A, 2 values in B",
+    ),
     "message missing": (less("estimate", 11), r"A has estimate 11 at \d+\.\d{3} s where B has "),
     "result missing": (less("result", 0), r"^result 0 at 17.600 s is in A only$"),
     "heard later": (heard_later, r"command 3 at \d\.\d{3} s, heard at: \d+ in A, \d+ in B"),

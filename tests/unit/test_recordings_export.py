@@ -40,6 +40,7 @@ from viewsep.recordings.camera_poses import (
     used_percepts,
 )
 from viewsep.recordings.export import PictureFormat, Pictures
+from viewsep.recordings.export_estimates import export_estimates
 from viewsep.recordings.export_scenes import export_bop, export_colmap, export_nerf
 from viewsep.recordings.export_views import export_views
 from viewsep.sim.view_set import read_view_set
@@ -170,7 +171,26 @@ def test_the_table_has_a_line_per_estimate_and_candidate(tmp_path: Path, shell: 
             assert np.isclose(np.radians(said["spread_deg"]) ** 2, candidate.variance)
         else:
             assert said["spread_deg"] is None
+        assert row["probability"] == ""
     assert len(rows) == 66
+
+
+def test_probabilities_are_in_the_table_with_a_line_for_none_of_them(tmp_path: Path) -> None:
+    def rate(message: m.Message) -> m.Message:
+        assert isinstance(message, m.Estimate)
+        first, second = message.candidates
+        return replace(
+            message, candidates=(replace(first, probability=0.7), replace(second, probability=0.1)), unknown=0.2
+        )
+
+    rated = with_message(golden(), where(golden(), "estimate")[0], rate)
+    assert export_estimates(rated, tmp_path / "e.csv", False).count == 67
+    rows = csv_rows(tmp_path / "e.csv")
+    assert [row["probability"] for row in rows[:4]] == ["0.7", "0.1", "0.2", ""]
+    assert [row["candidate"] for row in rows[:4]] == ["product_7", TRUTH, "none of them", "product_7"]
+    assert (rows[2]["rating"], rows[2]["spread_deg"], rows[2]["qw"]) == ("", "", "")
+    for column in ("time_s", "iteration", "phase", "azimuth_deg", "elevation_deg", "travel_deg"):
+        assert rows[2][column] == rows[1][column] != ""
 
 
 def test_pngs_are_the_decoded_pictures(tmp_path: Path) -> None:

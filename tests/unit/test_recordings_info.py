@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 from golden_recording import GOLDEN, TRUTH, golden, where
 from hypothesis import given
@@ -14,6 +15,7 @@ from mcap.writer import Writer
 from shell import Shell
 
 from viewsep.errors import BadRecording
+from viewsep.messages import Outcome, Result
 from viewsep.recordings.contents import State, look_into
 from viewsep.recordings.jpeg import jpeg_size
 from viewsep.recordings.writer import Recorder
@@ -238,6 +240,23 @@ def test_sizes_are_those_of_the_decoded_pictures() -> None:
     for wrong in (b"", b"\xff\xd8", b"\xff\xd8\xff\xc0\x00", golden().frames[0].mask_png or b""):
         with pytest.raises(BadRecording, match="is not a JPEG"):
             jpeg_size(wrong)
+
+
+def test_what_cannot_be_told_apart_is_told_with_the_view_that_would_help(tmp_path: Path, shell: Shell) -> None:
+    below = np.array([0.0, 0.0, -1.0])
+    twins = Result(
+        *(9, Outcome.INDISTINGUISHABLE, "", "no view tells them apart", (), np.eye(3), 3, 0.5, 9),
+        *(("tea", "decaf"), below, float(np.radians(4.2))),
+    )
+    with Recorder(tmp_path / "a.mcap", {"task": {"seed": "7"}}) as recorder:
+        recorder.hear(9, twins)
+    (said,) = shell("recordings", "info", tmp_path / "a.mcap", "--json").json
+    assert (said["outcome"], said["object"], said["indistinct"]) == ("indistinguishable", None, ["tea", "decaf"])
+    assert (said["telling_view_deg"], said["pose_spread_deg"]) == ([0.0, -90.0], pytest.approx(4.2))
+    assert (
+        "indistinguishable, tea or decaf: no view tells them apart; azimuth 0°, elevation -90° would, which it cannot "
+        "reach (3 looks, 29 deg of travel, pose known to ±4°)"
+    ) in shell("recordings", "info", tmp_path / "a.mcap").out
 
 
 def test_a_number_that_is_no_seed_is_not_shown(tmp_path: Path, shell: Shell) -> None:

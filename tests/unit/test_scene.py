@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -271,12 +272,22 @@ def test_what_happens_is_said(message: m.Message, level: int, sentence: str) -> 
     ("outcome", "named", "level", "sentence"),
     [
         (m.Outcome.IDENTIFIED, "tea", Log.INFO, "Identified as tea: why"),
+        (m.Outcome.IDENTIFIED, "Tea_Earl", Log.INFO, "Identified as Tea_Earl: why"),
+        (m.Outcome.UNKNOWN, "", Log.WARNING, "Unknown, none of the candidates: why"),
         (m.Outcome.UNDECIDED, "", Log.WARNING, "Undecided: why"),
         (m.Outcome.FAILED, "", Log.ERROR, "Failed: why"),
     ],
 )
 def test_the_result_is_said_with_its_reason(outcome: m.Outcome, named: str, level: int, sentence: str) -> None:
     assert said(m.Result(9, outcome, named, "why", (), TURNED, 3, 0.1, 9)) == [(level, sentence)]
+
+
+def test_what_cannot_be_told_apart_is_said_with_the_view_that_would_help() -> None:
+    twins = m.Result(9, m.Outcome.INDISTINGUISHABLE, "", "no view does", (), TURNED, 3, 0.1, 9, ("Tea", "decaf"))
+    assert said(twins) == [(Log.WARNING, "Indistinguishable, Tea or decaf: no view does")]
+    below = replace(twins, telling_view=np.array([0.0, 0.0, -1.0]))
+    ((_, sentence),) = said(below)
+    assert sentence.endswith("no view does; azimuth 0°, elevation -90° would, which it cannot reach")
 
 
 def test_a_change_of_phase_is_said_once() -> None:

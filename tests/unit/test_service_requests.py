@@ -44,6 +44,8 @@ def refusal_of(command: str, payload: bytes) -> Refused | None:
 def test_a_request_carries_what_was_sent() -> None:
     start = parse_request("start", sent(candidates=["tea", "decaf"], seed=7, token="abc"))
     assert start == StartRequest(owner="me", token="abc", candidates=("tea", "decaf"), seed=7)
+    known = parse_request("start", sent(pose_tolerance_deg=4.5))
+    assert known == StartRequest(owner="me", pose_tolerance_deg=4.5)
     move = parse_request("move", sent(joints_deg=[10, -20.5]))
     assert move == MoveRequest(owner="me", joints_deg=(10.0, -20.5))
 
@@ -65,6 +67,7 @@ def test_every_command_says_whose_request_it_is(command: str) -> None:
         ("start", b"[1]", Code.BAD_JSON, "must be a JSON object, not list"),
         ("start", b" " * (MAX_REQUEST_BYTES + 1), Code.TOO_LARGE, "at most 65536"),
         ("start", sent(sed=3), Code.BAD_REQUEST, "unknown field 'sed': known are owner, token, candidates, seed"),
+        ("start", sent(pose_tolerance_deg=0.0), Code.BAD_REQUEST, "field 'pose_tolerance_deg' = 0.0"),
         ("start", sent(seed="3"), Code.BAD_REQUEST, "field 'seed' = '3'"),
         ("start", sent(seed=True), Code.BAD_REQUEST, "field 'seed' = True"),
         ("start", sent(seed=2**62 + 1), Code.BAD_REQUEST, "field 'seed' = 4611686018427387905"),

@@ -12,7 +12,7 @@ import pytest
 from rich.console import Console
 
 from viewsep.cli.status_tables import tables
-from viewsep.messages import JointState, Result
+from viewsep.messages import Estimate, JointState, Outcome, Result
 from viewsep.recordings.codec import RecordedFrame
 from viewsep.recordings.pacing import Item, Playback, in_order
 from viewsep.recordings.reader import Recorded, Recording, read_recording
@@ -75,6 +75,29 @@ def test_the_task_ends_with_the_recorded_result(golden: Recording) -> None:
     assert engine.result is not None
     assert (engine.result.task, engine.result.object, engine.result.reason) == ("v1", heard.object, heard.reason)
     assert engine.result.recording == str(GOLDEN)
+
+
+def test_probabilities_and_what_cannot_be_told_apart_are_in_the_status(golden: Recording) -> None:
+    heard: list[Recorded] = []
+    for row in golden.messages:
+        message = row.message
+        if isinstance(message, Estimate):
+            rated = tuple(replace(candidate, probability=0.4) for candidate in message.candidates)
+            message = replace(message, candidates=rated, unknown=0.2)
+        elif isinstance(message, Result):
+            names, below = tuple(name for name, _ in message.ratings), np.array([0.0, 0.0, -1.0])
+            told = replace(message, outcome=Outcome.INDISTINGUISHABLE, object="", indistinct=names)
+            message = replace(told, telling_view=below, pose_spread_rad=float(np.radians(4.5)))
+        heard.append(replace(row, message=message))
+    engine = shown(replace(golden, messages=tuple(heard))).engine()
+    assert ([candidate.probability for candidate in engine.candidates], engine.unknown) == ([0.4, 0.4], 0.2)
+    assert engine.result is not None
+    assert (engine.result.outcome, engine.result.object) == ("indistinguishable", None)
+    assert engine.result.indistinct == ("product_7", "product_7_twin_face")
+    assert engine.result.telling_view_deg == pytest.approx((0.0, -90.0))
+    assert engine.result.pose_spread_deg == pytest.approx(4.5)
+    without = shown(golden).engine()
+    assert ({candidate.probability for candidate in without.candidates}, without.unknown) == ({None}, None)
 
 
 def test_a_recording_that_ends_before_its_task_ends_it_as_failed(golden: Recording) -> None:

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 import pytest
-from golden_recording import TRUTH, USED, golden, until_look, where, without_message
+from golden_recording import TRUTH, USED, golden, until_look, where, with_message, without_message
 
 from viewsep.cli.what_if import methods_of
 from viewsep.descriptors.cch import ColourCooccurrence
@@ -22,6 +22,7 @@ from viewsep.messages import (
     Estimate,
     FloatArray,
     HypothesisViews,
+    Message,
     MoveFailed,
     MoveSettled,
     MoveTo,
@@ -29,6 +30,7 @@ from viewsep.messages import (
     Percept,
     PerceptReceived,
     Phase,
+    Result,
     Stop,
     TaskStarted,
 )
@@ -327,21 +329,34 @@ def ended(ending: Ending, named: str = "", looks: int = 10) -> Course:
 def test_a_tally_counts_answers_and_agreement() -> None:
     right, wrong = ended(Ending.IDENTIFIED, "tea", 20), ended(Ending.IDENTIFIED, "decaf", 40)
     undecided, ends = ended(Ending.UNDECIDED, looks=400), ended(Ending.RECORDING_ENDS, looks=99)
-    courses = [right, wrong, right, undecided, ended(Ending.FAILED), ends]
-    recorded = [right, right, wrong, undecided, right, right]
-    assert tally(courses, recorded, ["tea", "tea", "", "tea", "tea", "tea"]) == Tally(
+    unknown, twins = ended(Ending.UNKNOWN), replace(ended(Ending.INDISTINGUISHABLE), indistinct=("decaf", "tea"))
+    courses = [right, wrong, right, undecided, ended(Ending.FAILED), ends, unknown, twins, twins]
+    recorded = [right, right, wrong, undecided, right, right, unknown, twins, replace(twins, indistinct=("tea", "x"))]
+    assert tally(courses, recorded, ["tea", "tea", "", *["tea"] * 6]) == Tally(
         right=1,
         wrong=1,
         unchecked=1,
+        unknown=1,
+        indistinguishable=2,
         undecided=1,
         failed=1,
         recording_ends=1,
-        agree=2,
-        differ=3,
+        agree=4,
+        differ=4,
         looks_median=20,
         travel_median_rad=2.0,
     )
     nobody = tally([undecided], [ends], ["tea"])
     assert np.isnan([nobody.looks_median, nobody.travel_median_rad]).all()
     assert (nobody.agree, nobody.differ) == (0, 0)
-    assert [is_right(course, "tea") for course in (right, wrong, ends)] == [True, False, None]
+    assert [is_right(course, "tea") for course in (right, wrong, ends, unknown)] == [True, False, None, None]
+
+
+@pytest.mark.parametrize("outcome", Outcome)
+def test_every_outcome_is_an_ending(outcome: Outcome) -> None:
+    def other(result: Message) -> Message:
+        assert isinstance(result, Result)
+        return replace(result, outcome=outcome, object="", indistinct=("tea", "decaf"))
+
+    found = recorded_course(with_message(golden(), where(golden(), "result")[0], other))
+    assert (found.ending.value, found.indistinct) == (outcome.value, ("decaf", "tea"))

@@ -24,7 +24,7 @@ from viewsep.recordings.writer import Attachment, Recorder
 FOLDER = Path(__file__).parents[1] / "golden"
 GOLDEN = FOLDER / "v1.mcap"
 CANDIDATES = ["product_7", TRUTH]
-COSTS = {"outcome", "object", "right", "reason", "looks", "travel_deg", "comparisons"}
+COSTS = {"outcome", "object", "indistinct", "right", "reason", "looks", "travel_deg", "comparisons"}
 
 
 @pytest.fixture(scope="module")

@@ -14,7 +14,6 @@ from rich.text import Text
 from viewsep.cli.console import people, print_json, print_json_line, results
 from viewsep.cli.exit_codes import EXIT_CODES
 from viewsep.cli.live import LiveTable
-from viewsep.cli.status_tables import sentence
 from viewsep.client import LogLine, Received
 from viewsep.errors import ViewsepError
 from viewsep.messages import Outcome
@@ -84,14 +83,16 @@ def tell_result(result: ResultStatus, json: bool, *, line: bool = False) -> None
     elif json:
         print_json(said)
     else:
-        results.print(Text(sentence(result)), soft_wrap=True)
-        results.print(f"{result.looks} looks, {result.travel_deg:.0f}° of travel", highlight=False)
+        account = result.account
+        pose = f", {account.pose}" if account.pose else ""
+        results.print(Text(account.sentence), soft_wrap=True)
+        results.print(f"{result.looks} looks, {result.travel_deg:.0f}° of travel{pose}", highlight=False)
         if result.recording:
             results.print(Text(f"recording: {result.recording}"), soft_wrap=True)
 
 
 def exit_code(result: ResultStatus) -> int:
-    """0 identified, 3 undecided, 4 failed. Raises ViewsepError for an outcome that this version does not know."""
+    """That of the outcome. Raises ViewsepError for one that this version does not know."""
     try:
         return EXIT_CODES[Outcome(result.outcome)]
     except ValueError:

@@ -9,8 +9,10 @@ from rich.live import Live
 from rich.table import Table
 
 from viewsep.cli.console import people
-from viewsep.geometry import azimuth_elevation, matrix_to_quaternion
+from viewsep.cli.status_tables import candidate_table
+from viewsep.geometry import azimuth_elevation
 from viewsep.messages import Estimate, Message, PerceptReceived
+from viewsep.service.board import candidate_status
 
 
 class LiveTable:
@@ -44,16 +46,5 @@ class LiveTable:
         title = (
             f"look {estimate.iteration}, {estimate.phase}, {self._view}, travel {np.degrees(estimate.travel_rad):.0f}°"
         )
-        table = Table("candidate", "rating", "w0", "w1 deg", "w2", "pose x y z w", "spread deg", title=title)
-        for candidate in sorted(estimate.candidates, key=lambda c: c.rating):
-            quaternion = " ".join(f"{x:+.2f}" for x in matrix_to_quaternion(candidate.rotation))
-            table.add_row(
-                candidate.name + (" (truth)" if candidate.name == self._truth else ""),
-                f"{candidate.rating:.1f}",
-                f"{candidate.w0:.3f}",
-                f"{np.degrees(candidate.w1):.1f}",
-                f"{candidate.w2:.3f}",
-                quaternion,
-                f"{np.degrees(np.sqrt(candidate.variance)):.1f}" + (" settled" if candidate.converged else ""),
-            )
-        return table
+        candidates = tuple(map(candidate_status, estimate.candidates))
+        return candidate_table(candidates, estimate.unknown, title, self._truth)

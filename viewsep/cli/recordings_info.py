@@ -11,6 +11,7 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
+from viewsep.account import Account, pose_spread_deg, telling_view_deg
 from viewsep.cli.console import people, print_json, results
 from viewsep.cli.service_options import Json
 from viewsep.config import Config, geometry_of
@@ -75,6 +76,9 @@ def _as_dict(contents: Contents) -> dict[str, Any]:
         "outcome": result.outcome.value if result else None,
         "object": result.object or None if result else None,
         "reason": result.reason if result else None,
+        "indistinct": list(result.indistinct) if result else None,
+        "telling_view_deg": telling_view_deg(result) if result else None,
+        "pose_spread_deg": pose_spread_deg(result) if result else None,
         "looks": result.looks if result else None,
         "travel_deg": float(np.degrees(result.travel_rad)) if result else None,
         "topics": [
@@ -175,9 +179,10 @@ def _outcome(contents: Contents) -> str:
     result = contents.result
     if result is None:
         return "none recorded"
-    named = f" as {result.object}" if result.object else ""
-    looks = f"{result.looks} looks, {np.degrees(result.travel_rad):.0f} deg of travel"
-    return f"{result.outcome.value}{named}: {result.reason} ({looks})"
+    account = Account.of(result)
+    took = f"{result.looks} looks, {np.degrees(result.travel_rad):.0f} deg of travel"
+    pose = f", {account.pose}" if account.pose else ""
+    return f"{account.ending}: {account.grounds} ({took}{pose})"
 
 
 def _number(value: float | None, digits: int) -> str:

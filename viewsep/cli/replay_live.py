@@ -13,16 +13,17 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
+from viewsep.account import Account
 from viewsep.cli.console import people, results
 from viewsep.cli.exit_codes import EXIT_INTERRUPTED
-from viewsep.cli.status_tables import candidate_table, sentence
+from viewsep.cli.status_tables import candidate_table
 from viewsep.config import Config, ServiceConfig, load_config, parse_config
 from viewsep.errors import BadInput
 from viewsep.messages import Result
 from viewsep.recordings.codec import RecordedFrame
 from viewsep.recordings.pacing import Item, Playback
 from viewsep.recordings.reader import Recording
-from viewsep.service.board import Board, candidate_status, result_status
+from viewsep.service.board import Board, candidate_status
 from viewsep.service.ending import Ending
 
 if TYPE_CHECKING:  # Zenoh is slow to import
@@ -85,7 +86,7 @@ def play(
         if rig is not None:
             rig.linger(stop.wait)
     if shown.result is not None:
-        say.print(Text(sentence(result_status(file.stem, shown.result, str(file)))), soft_wrap=True)
+        say.print(Text(Account.of(shown.result).sentence), soft_wrap=True)
     return Played(passes, shown.messages, shown.pictures, interrupted)
 
 
@@ -150,8 +151,9 @@ class Screen:
             phase.value,
             f"look {estimate.iteration}" if estimate else "",
         )
-        candidates = estimate.candidates if estimate else ()
-        return Group(line, candidate_table(tuple(map(candidate_status, candidates)))) if candidates else line
+        if estimate is None or not estimate.candidates:
+            return line
+        return Group(line, candidate_table(tuple(map(candidate_status, estimate.candidates)), estimate.unknown))
 
 
 def _published(

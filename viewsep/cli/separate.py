@@ -8,12 +8,16 @@ from types import FrameType
 from typing import Annotated
 
 import typer
+from rich.markup import escape
 
+from viewsep.account import Account
 from viewsep.cli.candidates import candidate_names
 from viewsep.cli.console import MAX_SEED, people, print_json, results
 from viewsep.cli.exit_codes import EXIT_CODES, EXIT_INTERRUPTED, EXIT_WRONG
 from viewsep.cli.live import LiveTable
-from viewsep.config import Config, InterpreterConfig, load_config
+from viewsep.cli.task_options import PoseTolerance, check_pose_tolerance
+from viewsep.config import Config, InterpreterConfig, PlannerConfig, load_config
+from viewsep.messages import Outcome
 from viewsep.models.library import load_library
 from viewsep.rigs import PictureKind
 from viewsep.session import Session
@@ -27,6 +31,8 @@ def separate(
     source: Annotated[str | None, typer.Option("--object", help="Any object for the simulated rig to hold.")] = None,
     candidates: Annotated[str | None, typer.Option(help="Comma-separated names.", show_default="all models")] = None,
     interpreter: Annotated[str | None, typer.Option(help="Interpreter by name.", show_default="path")] = None,
+    planner: Annotated[str | None, typer.Option(help="Planner by name.", show_default="separating")] = None,
+    pose_tolerance: PoseTolerance = None,
     seed: Annotated[
         int, typer.Option(min=0, max=MAX_SEED, help="Seed of grasp, start view, direction and disturbances.")
     ] = 0,
@@ -36,17 +42,19 @@ def separate(
 ) -> None:
     """Turn the object until one candidate stands out, and say which it is.
 
-    Exit codes: 0 identified, 3 undecided, 4 failed, 5 identified but not as --truth, 2 bad input, 130 interrupted.
+    Exit codes: 0 identified, 2 bad input, 3 undecided, 4 failed, 5 the answer is wrong: it is what --truth says, 6
+    unknown: none of the candidates, 7 indistinguishable: one of several that no view this rig can show tells apart, 130
+    interrupted.
 
     Examples:
 
         viewsep separate --models library --truth tea --seed 1
 
+        viewsep separate --models library --truth tea --interpreter filter --pose-tolerance 5
+
         viewsep separate --models library --truth tea --config turntable.toml --record run.mcap --json
     """
-    settings = load_config(config) if config else Config()
-    if interpreter and interpreter != settings.interpreter.name:  # options in the file are those of another one
-        settings = settings.model_copy(update={"interpreter": InterpreterConfig(name=interpreter)})
+    settings = _chosen(load_config(config) if config else Config(), interpreter, planner, pose_tolerance)
     known = load_library(models, candidate_names(candidates))
     held, name = held_object(known, truth, source)
     task = Task(held, name, seed, record, force)
@@ -56,6 +64,11 @@ def separate(
     signal.signal(signal.SIGINT, signal.default_int_handler)
     if answer.pictures is PictureKind.LEARNED_PHOTOS:
         people.print(f"note: no photos were left out of the model, so the rig showed {answer.pictures}")
+    if settings.task.pose_tolerance_deg is not None and answer.result.pose_spread_rad is None:
+        people.print(
+            f"note: interpreter {settings.interpreter.name} does not know how well the pose is known: the pose "
+            "tolerance changed nothing"
+        )
     if json:
         print_json(answer.as_dict())
     else:
@@ -65,24 +78,36 @@ def separate(
     raise typer.Exit(exit_code(answer))
 
 
+def _chosen(settings: Config, interpreter: str | None, planner: str | None, pose_tolerance: float | None) -> Config:
+    """The settings with what the options say instead. Raises BadInput."""
+    changes: dict[str, object] = {}
+    if interpreter and interpreter != settings.interpreter.name:  # options in the file are those of another one
+        changes["interpreter"] = InterpreterConfig(name=interpreter)
+    if planner and planner != settings.planner.name:
+        changes["planner"] = PlannerConfig(name=planner)
+    if pose_tolerance is not None:
+        tolerance = check_pose_tolerance(pose_tolerance)
+        changes["task"] = settings.task.model_copy(update={"pose_tolerance_deg": tolerance})
+    return settings.model_copy(update=changes)
+
+
 def exit_code(answer: Answer) -> int:
-    """0 identified, 3 undecided, 4 failed, 5 identified wrongly."""
-    if answer.task.truth and answer.correct is False:
-        return EXIT_WRONG
-    return EXIT_CODES[answer.result.outcome]
+    """That of the outcome; 5 where the answer is known to be wrong."""
+    return EXIT_WRONG if _is_wrong(answer) else EXIT_CODES[answer.result.outcome]
+
+
+def _is_wrong(answer: Answer) -> bool:
+    """A name is judged by the truth only: without one, another file may be of the same object."""
+    return answer.correct is False and bool(answer.task.truth or answer.result.outcome is Outcome.UNKNOWN)
 
 
 def tell(answer: Answer) -> None:
     """The answer as sentences."""
-    said = answer.as_dict()
-    if answer.result.object:
-        verdict = {True: " (right)", False: f" (wrong: it is {answer.task.truth})", None: ""}[
-            answer.correct if answer.task.truth else None
-        ]
-        results.print(f"It is [bold]{answer.result.object}[/bold]{verdict}: {answer.result.reason}.", soft_wrap=True)
-    else:
-        results.print(f"[bold]{answer.result.outcome.value}[/bold]: {answer.result.reason}.", soft_wrap=True)
-    pose = "" if said["pose_error_deg"] is None else f", pose error {said['pose_error_deg']:.1f}°"
+    said, account = answer.as_dict(), Account.of(answer.result)
+    begins = f"It is [bold]{escape(account.answer)}[/bold]" if account.answer else f"[bold]{account.outcome}[/bold]"
+    results.print(f"{begins}{_verdict(answer)}: {escape(account.grounds)}.", soft_wrap=True)
+    pose = f", {account.pose}" if account.pose else ""
+    pose += "" if said["pose_error_deg"] is None else f", pose error {said['pose_error_deg']:.1f}°"
     results.print(
         f"{said['looks']} looks, {said['travel_deg']:.0f}° of travel, {said['comparisons']} comparisons{pose} "
         f"({answer.rig})",
@@ -90,6 +115,14 @@ def tell(answer: Answer) -> None:
     )
     if said["recording"]:
         results.print(f"recording: {said['recording']}", soft_wrap=True)
+
+
+def _verdict(answer: Answer) -> str:
+    """Whether that is so, where it is known."""
+    if _is_wrong(answer):
+        return f" (wrong: it is {answer.task.truth or 'one of them'})"
+    unknown = answer.result.outcome is Outcome.UNKNOWN
+    return " (right)" if answer.correct and (answer.task.truth or unknown) else ""
 
 
 def _cancel_on_interrupt(session: Session, interrupted: list[int]) -> None:

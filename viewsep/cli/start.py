@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Annotated
 
 import typer
@@ -21,6 +22,7 @@ from viewsep.cli.service_options import (
     Rig,
     make_client,
 )
+from viewsep.cli.task_options import PoseTolerance, check_pose_tolerance
 from viewsep.client import Client, RequestRefused
 from viewsep.errors import BadInput
 
@@ -36,6 +38,7 @@ def start(
     timeout_s: AnswerTimeout = 2.0,
     owner: Owner = "",
     candidates: Annotated[str | None, typer.Option(help="Comma-separated names.", show_default="all models")] = None,
+    pose_tolerance: PoseTolerance = None,
     seed: Annotated[int, typer.Option(min=0, max=MAX_SEED, help="Seed of the task.")] = 0,
     wait: Annotated[bool, typer.Option("--wait", help="Stay until it has ended; Ctrl-C cancels it.")] = False,
     follow: Annotated[bool, typer.Option("--follow", help="Watch it to its end; Ctrl-C leaves it running.")] = False,
@@ -47,35 +50,51 @@ def start(
     and is stopped should it die; with --follow it is only watched. Both end with the result; --json prints the result
     (--wait) or one line per message and then the result (--follow).
 
-    Exit codes: 0 started, or identified; 1 refused or no answer; 2 bad input; 3 undecided; 4 failed; 130 interrupted.
+    Exit codes: 0 started, or identified; 1 refused or no answer; 2 bad input; 3 undecided; 4 failed; 6 unknown: none
+    of the candidates; 7 indistinguishable: one of several that no view this rig can show tells apart; 130 interrupted.
 
     Examples:
 
         viewsep start --candidates tea,tea_decaf --seed 1
 
-        viewsep start --wait --json
+        viewsep start --wait --json --pose-tolerance 5
 
         viewsep start && viewsep watch
     """
     names = candidate_names(candidates)
+    tolerance_deg = check_pose_tolerance(pose_tolerance)
     if wait and follow:
         raise BadInput("--wait and --follow exclude each other: leave one out")
     with make_client(rig, connect, keys, certificate, timeout_s, owner) as client:
+        order = _Order(names, seed, tolerance_deg)
         if wait:
-            raise typer.Exit(_wait(client, names, seed, json))
+            raise typer.Exit(_wait(client, order, json))
         if follow:
-            raise typer.Exit(_follow(client, names, seed, json))
-        task = client.start(names, seed, detach=True)
+            raise typer.Exit(_follow(client, order, json))
+        task = order.start(client, detach=True)
         if json:
             print_json({"accepted": True, "task": task})
         else:
             typer.echo(task)
 
 
-def _wait(client: Client, names: list[str], seed: int, json: bool) -> int:
+@dataclass(frozen=True, slots=True)
+class _Order:
+    """What to start."""
+
+    candidates: list[str]
+    seed: int
+    pose_tolerance_deg: float | None
+
+    def start(self, client: Client, *, detach: bool) -> str:
+        """Start it; the task's name."""
+        return client.start(self.candidates, self.seed, detach, self.pose_tolerance_deg)
+
+
+def _wait(client: Client, order: _Order, json: bool) -> int:
     """Carry out a task of our own. Its exit code, 130 when it was cancelled here."""
     with client.watch() as stream, LiveTable() as table, heard_ctrl_c() as pressed:
-        task = client.start(names, seed)
+        task = order.start(client, detach=False)
         interrupted = False
         try:
             result = client.wait(task, heard=show_in(table), stream=stream, interrupted=pressed)
@@ -88,10 +107,10 @@ def _wait(client: Client, names: list[str], seed: int, json: bool) -> int:
     return EXIT_INTERRUPTED if interrupted else exit_code(result)
 
 
-def _follow(client: Client, names: list[str], seed: int, json: bool) -> int:
+def _follow(client: Client, order: _Order, json: bool) -> int:
     """Start a task and watch it to its end."""
     with client.watch() as stream, LiveTable() as table, heard_ctrl_c() as pressed:
-        task = client.start(names, seed, detach=True)
+        task = order.start(client, detach=True)
         people.print(f"task {task}", highlight=False)
         heard = print_line if json else show_in(table)
         result = client.wait(task, heard=heard, stream=stream, interrupted=pressed)

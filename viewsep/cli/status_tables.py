@@ -8,7 +8,8 @@ from rich.console import RenderableType
 from rich.table import Column, Table
 from rich.text import Text
 
-from viewsep.service.status import CandidateStatus, EngineStatus, ReplayStatus, ResultStatus, RigStatus, Status
+from viewsep.account import NONE_OF_THEM, percent
+from viewsep.service.status import CandidateStatus, EngineStatus, ReplayStatus, RigStatus, Status
 
 
 def tables(status: Status) -> Iterator[RenderableType]:
@@ -17,7 +18,7 @@ def tables(status: Status) -> Iterator[RenderableType]:
     if status.rig and status.rig.motion.joints:
         yield _joints(status.rig)
     if status.engine and status.engine.candidates:
-        yield candidate_table(status.engine.candidates)
+        yield candidate_table(status.engine.candidates, status.engine.unknown)
 
 
 def _overview(status: Status) -> Table:
@@ -64,7 +65,9 @@ def _engine_rows(engine: EngineStatus | None) -> Iterator[tuple[str, str]]:
     if engine.task:
         yield "task", f"{engine.task} of {engine.owner}: {engine.looks} looks, {engine.travel_deg:.0f}° of travel"
     if engine.result:
-        yield "last result", f"{engine.result.task}: {sentence(engine.result)}"
+        account = engine.result.account
+        pose = f" {account.pose.capitalize()}." if account.pose else ""
+        yield "last result", f"{engine.result.task}: {account.sentence}{pose}"
     yield "models", ", ".join(engine.models) or "none"
     if engine.learning:
         yield "learning", engine.learning
@@ -84,26 +87,33 @@ def _joints(rig: RigStatus) -> Table:
     return table
 
 
-def candidate_table(candidates: tuple[CandidateStatus, ...]) -> Table:
-    """Candidates, the best one first."""
-    name = Column("candidate", no_wrap=True)
-    table = Table(name, "rating", "w0", "w1 deg", "w2", "pose x y z w", "spread deg")
+def candidate_table(
+    candidates: tuple[CandidateStatus, ...], unknown: float | None = None, title: str = "", truth: str = ""
+) -> Table:
+    """Candidates, the best one first, and none of them where that has a probability. `truth` is marked.
+
+    Probabilities take the place of ratings: they say the same better, and terminals are narrow.
+    """
+    rated = any(candidate.probability is not None for candidate in candidates)
+    table = Table(Column("candidate", no_wrap=True), title=title or None)
+    table.add_column("probability" if rated else "rating", no_wrap=rated)
+    for column in ("w0", "w1 deg", "w2", "pose x y z w", "spread deg"):
+        table.add_column(column)
     for candidate in sorted(candidates, key=lambda candidate: candidate.rating):
         spread = "" if candidate.spread_deg is None else f"{candidate.spread_deg:.1f}"
         table.add_row(
-            Text(candidate.name),
-            f"{candidate.rating:.1f}",
+            Text(candidate.name + (" (truth)" if candidate.name == truth else "")),
+            _percent(candidate.probability) if rated else f"{candidate.rating:.1f}",
             f"{candidate.w0:.3f}",
             f"{candidate.w1_deg:.1f}",
             f"{candidate.w2:.3f}",
             " ".join(f"{x:+.2f}" for x in candidate.pose_quaternion_xyzw),
             spread + (" settled" if candidate.converged else ""),
         )
+    if rated and unknown is not None:
+        table.add_row(NONE_OF_THEM, _percent(unknown))
     return table
 
 
-def sentence(result: ResultStatus) -> str:
-    """How a task ended, as a person would say it."""
-    if result.object:
-        return f"It is {result.object}: {result.reason}."
-    return f"{result.outcome}: {result.reason}."
+def _percent(probability: float | None) -> str:
+    return "" if probability is None else percent(probability)

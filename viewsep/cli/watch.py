@@ -28,7 +28,8 @@ def watch(
 
     On terminals it draws the candidates as they are judged. Ctrl-C leaves the task running.
 
-    Exit codes: 0 identified, 1 no task or no answer, 2 bad input, 3 undecided, 4 failed, 130 interrupted.
+    Exit codes: 0 identified, 1 no task or no answer, 2 bad input, 3 undecided, 4 failed, 6 unknown: none of the
+    candidates, 7 indistinguishable: one of several that no view this rig can show tells apart, 130 interrupted.
 
     Examples:
 

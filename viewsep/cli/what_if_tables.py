@@ -25,13 +25,15 @@ COUNTS = {
     "right": "right",
     "wrong": "wrong",
     "unchecked": "truth unknown",
+    "unknown": "unknown",
+    "indistinguishable": "indistinguishable",
     "undecided": "undecided",
     "failed": "failed",
     "recording_ends": "recording ends",
     "agree": "agree",
     "differ": "differ",
 }
-RARE = ("unchecked", "failed")
+RARE = ("unchecked", "unknown", "indistinguishable", "failed")
 WIDEST = 1000
 AGREE = {True: "yes", False: "no", None: "-"}
 
@@ -81,6 +83,7 @@ def _course(course: Course, row: Compared) -> dict[str, Any]:
     return {
         "outcome": course.ending.value,
         "object": course.object or None,
+        "indistinct": list(course.indistinct),
         "right": is_right(course, row.truth),
         "reason": course.reason,
         "looks": course.looks,

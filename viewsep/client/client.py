@@ -110,13 +110,22 @@ class Client:
         """Keys, schemas and versions of all roles."""
         return put_together(self._tables(Keys(self.rig).manifest))
 
-    def start(self, candidates: Sequence[str] = (), seed: int = 0, detach: bool = False) -> str:
+    def start(
+        self,
+        candidates: Sequence[str] = (),
+        seed: int = 0,
+        detach: bool = False,
+        pose_tolerance_deg: float | None = None,
+    ) -> str:
         """Start a task among `candidates` (all models when empty); its name.
 
-        The task is stopped when this client closes or is gone, unless it was started with `detach`.
+        With `pose_tolerance_deg` it goes on until the pose is known that well, too. The task is stopped when this
+        client closes or is gone, unless it was started with `detach`.
         """
         token = "" if detach else self._declare_token("")
-        fields = {"token": token, "candidates": list(candidates), "seed": seed}
+        fields: dict[str, Any] = {"token": token, "candidates": list(candidates), "seed": seed}
+        if pose_tolerance_deg is not None:  # services from before it refuse what they do not know
+            fields["pose_tolerance_deg"] = pose_tolerance_deg
         try:
             task = said(self.request("start", fields), "task", str)
         except BaseException:
@@ -150,9 +159,15 @@ class Client:
         self._release(task)
         return result
 
-    def run(self, candidates: Sequence[str] = (), seed: int = 0, timeout_s: float = FOREVER_S) -> ResultStatus:
+    def run(
+        self,
+        candidates: Sequence[str] = (),
+        seed: int = 0,
+        timeout_s: float = FOREVER_S,
+        pose_tolerance_deg: float | None = None,
+    ) -> ResultStatus:
         """Start a task and wait for its result."""
-        return self.wait(self.start(candidates, seed), timeout_s)
+        return self.wait(self.start(candidates, seed, pose_tolerance_deg=pose_tolerance_deg), timeout_s)
 
     def cancel(self, reason: str = "") -> None:
         """End the running task; only who started it may."""

@@ -5,8 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 
-import numpy as np
-
 from viewsep.client.errors import NoAnswer, TaskLost
 from viewsep.client.streams import Received, Stream
 from viewsep.errors import RigError, Timeout, ViewsepError
@@ -103,19 +101,9 @@ def _is_at(goal_deg: Sequence[float], motion: MotionStatus) -> bool:
 
 def as_status(task: str, result: Result) -> ResultStatus:
     """The result of `task` as the status would tell it, except for the recording."""
-    from viewsep.geometry import matrix_to_quaternion  # scipy is slow to import
+    from viewsep.service.board import result_status  # with scipy, which is slow to import
 
-    x, y, z, w = matrix_to_quaternion(result.rotation).tolist()
-    return ResultStatus(
-        task=task,
-        outcome=result.outcome.value,
-        object=result.object or None,
-        reason=result.reason,
-        ratings=dict(result.ratings),
-        pose_quaternion_xyzw=(x, y, z, w),
-        looks=result.looks,
-        travel_deg=float(np.degrees(result.travel_rad)),
-    )
+    return result_status(task, result, None)
 
 
 def _hear(stream: Stream, heard: Callable[[Received], None], timeout_s: float) -> Result | None:

@@ -1,7 +1,7 @@
 """Exact Bayes over (candidate or none of them) x rotation, on a grid (design section 5).
 
 In an estimate `rating` is one over the candidate's probability, `w0` how well the look fits it at best (0 to 1), `w1`
-the spread of its pose (radians), `w2` its probability.
+the spread of its pose (radians); it has no `w2`, which is 0.
 """
 
 from __future__ import annotations
@@ -133,7 +133,7 @@ class FilterInterpreter:
                     rating=float(1.0 / max(probability[k], 1e-12)),
                     w0=float(np.exp(likelihood[k].max())),
                     w1=float(np.sqrt(poses[k][1])),
-                    w2=float(probability[k]),
+                    w2=0.0,
                     rotation=rotations[k],
                     variance=poses[k][1],
                     converged=bool(poses[k][1] < limit),

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+from viewsep.account import Account
 from viewsep.messages import (
     CancelRequested,
     DeadlinePassed,
@@ -59,8 +60,9 @@ def _of_messages(story: Story) -> Iterator[tuple[int, str, str]]:
             case Stop():
                 yield recorded.stamp_ns, "task", "The rig is told to stop and hold."
             case Result() as result:
-                named = f" {result.object}" if result.object else ""
-                yield result.stamp_ns, "task", f"Result: {result.outcome.value}{named}; {result.reason}."
+                account = Account.of(result)
+                ended = f"{account.outcome} {account.object}" if account.object else account.ending
+                yield result.stamp_ns, "task", f"Result: {ended}; {account.grounds}."
 
 
 def _of_moves(story: Story) -> Iterator[tuple[int, str, str]]:
@@ -90,11 +92,8 @@ def _of_looks(story: Story) -> Iterator[tuple[int, str, str]]:
     before: Look | None = None
     for number, look in enumerate(story.looks, start=1):
         if before is None:
-            yield (
-                look.percept.stamp_ns,
-                "look",
-                f"Look {number}, the first one: paths begin at every view of every model.",
-            )
+            begin = "" if story.has_probabilities else ": paths begin at every view of every model"
+            yield look.percept.stamp_ns, "look", f"Look {number}, the first one{begin}."
         elif look.belief.fresh and not before.belief.fresh:
             yield look.percept.stamp_ns, "look", f"Look {number}: all paths are dropped and begin anew."
         if id(look) in judged:

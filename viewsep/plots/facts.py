@@ -14,13 +14,14 @@ from typing import Any
 import numpy as np
 import tomlkit
 
+from viewsep.account import NONE_OF_THEM, percent
 from viewsep.config import Config
 from viewsep.geometry import matrix_to_quaternion
 from viewsep.messages import Outcome, Phase
-from viewsep.plots.panels import line_style
+from viewsep.plots.panels import NOBODY, line_style
 from viewsep.plots.story import Story
 from viewsep.plots.svg import css_colour
-from viewsep.plots.telling import counted, factor_of, final_ratings, rig_in_words
+from viewsep.plots.telling import counted, factor_of, final_probabilities, final_ratings, rig_in_words
 from viewsep.plots.timeline import axis_of
 
 FULL_BAR = 20.0  # times the best rating
@@ -40,7 +41,8 @@ class Fact:
 class Rated:
     """A candidate's last rating; `percent` is the length of its bar, `standing` what the rating means for it.
 
-    `true` says that it is what the rig held.
+    Of an interpreter with probabilities `rating` is the probability, and `times` empty. `true` says that it is what the
+    rig held.
     """
 
     name: str
@@ -78,7 +80,9 @@ def key_figures(story: Story) -> list[Fact]:
 
 
 def rated_candidates(story: Story) -> list[Rated]:
-    """The candidates at the end, best first."""
+    """The candidates at the end, best first; where they have probabilities, none of them comes last."""
+    if story.has_probabilities:
+        return _probable_candidates(story)
     factor = factor_of(story)
     named = story.result.object if story.result else ""
     rows = []
@@ -87,6 +91,20 @@ def rated_candidates(story: Story) -> list[Rated]:
         standing = "named" if name == named else standing
         colour = css_colour(line_style(story, k)[0])
         rows.append(Rated(name, colour, f"{rating:.3g}", f"{times:.1f}", bar(times), standing, name == story.truth))
+    return rows
+
+
+def _probable_candidates(story: Story) -> list[Rated]:
+    named = story.result.object if story.result else ""
+    unknown = story.result is not None and story.result.outcome is Outcome.UNKNOWN
+    left = story.result.indistinct if story.result else ()
+    colours = {story.models[k].name: line_style(story, k)[0] for k in story.ranking}
+    rows = []
+    for name, probability in final_probabilities(story):
+        standing = "named" if name == named or (unknown and name == NONE_OF_THEM) else "possible" * (name in left)
+        colour = css_colour(colours.get(name, NOBODY))
+        true = name == story.truth or (name == NONE_OF_THEM and story.truth not in ("", *colours))
+        rows.append(Rated(name, colour, percent(probability), "", round(100 * probability, 1), standing, true))
     return rows
 
 

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
-import numpy as np
 from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from viewsep.plots import panels
-from viewsep.plots.panels import SPHERES, line_style
+from viewsep.plots.panels import SPHERES, Curve, line_style
 from viewsep.plots.story import Story
 from viewsep.plots.svg import css_colour, inline
 from viewsep.plots.telling import counted
@@ -19,7 +17,7 @@ from viewsep.plots.telling import counted
 SPHERE_IN, CURVE_IN = (3.6, 3.6), (4.6, 3.0)
 LONG = 100  # looks; longer lines have no marks
 
-CURVES: tuple[tuple[Callable[[Axes, Story], None], str, str], ...] = (
+OF_PATHS: tuple[tuple[Curve, str, str], ...] = (
     (
         panels.ratings,
         "Ratings",
@@ -42,6 +40,20 @@ CURVES: tuple[tuple[Callable[[Axes, Story], None], str, str], ...] = (
         "How much the believed pose still moves. Below the dashed line it has settled.",
     ),
 )
+OF_A_POSTERIOR: tuple[tuple[Curve, str, str], ...] = (
+    (
+        panels.probabilities,
+        "Probability",
+        "How probable a candidate is after each look, and, dotted, that it is none of them.",
+    ),
+    (
+        panels.fit,
+        "Fit",
+        "How well a candidate explains each look by itself, seen from where it fits best: 1 is best.",
+    ),
+    (panels.comparisons, "Feature comparisons", "The work of each look."),
+    (panels.spread, "Spread of the pose", "By how much the believed pose may be wrong."),
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,11 +74,11 @@ def sphere_drawings(story: Story) -> list[Drawing]:
     shown, view = story.ranking[:SPHERES], panels.viewer(story)
     final = story.looks[-1].belief.estimate.candidates
     for k in shown:
-        for alone in (False, True) if len(shown) <= 2 else (False,):
+        for alone in (False, True) if len(shown) <= 2 and not story.has_probabilities else (False,):
             figure, axes = _sphere()
             panels.candidate_sphere(axes, story, k, view, alone=alone)
             name = final[k].name
-            caption = f"rating {final[k].rating:.3g}, w1 {np.degrees(final[k].w1):.1f}°"
+            caption = panels.standing(final[k])
             caption = "its best path alone; thin lines are what w1 averages" if alone else caption
             label = f"View sphere of {name} with the driven path and {'the best path' if alone else 'the paths'}"
             colour = css_colour(line_style(story, k)[0])
@@ -87,16 +99,18 @@ def difference_drawings(story: Story) -> tuple[list[Drawing], str]:
         label = f"View sphere coloured by how much the candidates differ, {name}"
         drawings.append(Drawing(inline(figure, f"d{len(drawings)}", label), "", ""))
     when = "when the last separating view was chosen" if story.targets else "at the end"
+    past = f"{'after' if story.has_probabilities else 'with paths of'} {counted(iteration, 'look')}"
     return drawings, (
-        f"How much {count} candidates differ in each direction, {when}, with paths of {counted(iteration, 'look')}. "
+        f"How much {count} candidates differ in each direction, {when}, {past}. "
         f"Dark blue: not at all; yellow: most (a smoothed variance of the features of {graph.smoothed.max():.2g})."
     )
 
 
 def curve_drawings(story: Story) -> list[Drawing]:
-    """Ratings, path course, comparisons and variance over the looks."""
+    """How the candidates stood over the looks, what the looks took, and how well the poses were known."""
     drawings: list[Drawing] = []
-    for draw, title, caption in CURVES if story.looks else ():
+    curves = OF_A_POSTERIOR if story.has_probabilities else OF_PATHS
+    for draw, title, caption in curves if story.looks else ():
         figure = Figure(figsize=CURVE_IN)
         axes = figure.add_axes((0.14, 0.15, 0.845, 0.83))
         draw(axes, story)

@@ -17,13 +17,14 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
 
 from viewsep import __version__
+from viewsep.account import NONE_OF_THEM
 from viewsep.files import write_whole
 from viewsep.messages import Phase
 from viewsep.plots import svg
 from viewsep.plots.events import happenings
 from viewsep.plots.facts import bar, config_text, deviations, key_figures, rated_candidates, records
 from viewsep.plots.figures import curve_drawings, difference_drawings, sphere_drawings
-from viewsep.plots.panels import OTHERS, SHADES, SPHERES, line_style
+from viewsep.plots.panels import NOBODY, OTHERS, SHADES, SPHERES, line_style
 from viewsep.plots.snapshots import large, thumbnail
 from viewsep.plots.sphere import RED, YELLOW
 from viewsep.plots.steps import steps_of
@@ -71,7 +72,8 @@ def page_of(story: Story, source: str = "") -> str:
     differences, difference_words = difference_drawings(story)
     lines, shades = _lines(story), [(phase.value, css_colour(shade)) for phase, shade in SHADES.items()]
     used = [*(drawing.svg for drawing in (*spheres, *differences, *curves)), *(colour for _, colour, _ in lines)]
-    light, dark = svg.themes("".join([*used, *(colour for _, colour in shades), css_colour(RED), css_colour(YELLOW)]))
+    others = [css_colour(colour) for colour in (RED, YELLOW, NOBODY)]
+    light, dark = svg.themes("".join([*used, *(colour for _, colour in shades), *others]))
     events, left_out = happenings(story)
     factor = factor_of(story)
     return environment.get_template("page.html").render(
@@ -94,7 +96,8 @@ def page_of(story: Story, source: str = "") -> str:
         seen=_camera_views(story),
         expected=_expected_views(story),
         steps=steps_of(story),
-        candidates=[(story.models[k].name, css_colour(line_style(story, k)[0])) for k in story.ranking],
+        has_probabilities=story.has_probabilities,
+        candidates=_believed(story),
         timeline=rows_of(story),
         ticks=axis_of(story).ticks(),
         spheres=spheres,
@@ -126,6 +129,12 @@ def _visible(value: Any) -> Any:
 def _breakable(name: str) -> Markup:
     """A name that may be broken where its words end."""
     return Markup(re.sub(r"(?<=[_.-])(?=\w)", "<wbr>", str(escape(name))))
+
+
+def _believed(story: Story) -> list[tuple[str, str]]:
+    """Name and colour of each row of the estimates."""
+    rows = [(story.models[k].name, css_colour(line_style(story, k)[0])) for k in story.ranking]
+    return [*rows, (NONE_OF_THEM, css_colour(NOBODY))] if len(story.unknown) else rows
 
 
 def _lines(story: Story) -> list[tuple[str, str, str]]:

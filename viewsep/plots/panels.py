@@ -10,8 +10,9 @@ from matplotlib.axes import Axes
 from matplotlib.colors import Normalize
 from matplotlib.ticker import MaxNLocator
 
+from viewsep.account import NONE_OF_THEM, percent
 from viewsep.interpretation.interpreter import PathInterpreter
-from viewsep.messages import FloatArray, Phase
+from viewsep.messages import CandidateEstimate, FloatArray, Phase
 from viewsep.planning.separating_view import SimilarityGraph, similarity_graph
 from viewsep.plots import sphere
 from viewsep.plots.sphere import RED, Landmarks, SphereView
@@ -21,6 +22,7 @@ SPHERES = 4  # candidates with a sphere and a colour of their own
 COLOURS = ("#0072B2", "#009E73", "#CC79A7", "#56B4E9")
 STYLES = ("-", "--", "-.", ":")
 OTHERS = "0.65"
+NOBODY = "0.3"  # none of the candidates
 SHADES = {Phase.EXPLORING: "1.0", Phase.APPROACHING: "0.95", Phase.JUDGING: "0.87"}
 
 
@@ -28,6 +30,13 @@ def line_style(story: Story, candidate: int) -> tuple[str, str, float]:
     """Colour, line style and width of a candidate: its own for the best rated, one for all others."""
     rank = story.ranking.index(candidate)
     return (COLOURS[rank], STYLES[rank], 1.8) if rank < SPHERES else (OTHERS, "-", 0.8)
+
+
+def standing(candidate: CandidateEstimate) -> str:
+    """How a candidate stands, in a few words."""
+    if candidate.probability is None:
+        return f"rating {candidate.rating:.3g}, w1 {np.degrees(candidate.w1):.1f}°"
+    return f"probability {percent(candidate.probability)}, spread {np.degrees(np.sqrt(candidate.variance)):.1f}°"
 
 
 # View spheres
@@ -115,6 +124,35 @@ def ratings(axes: Axes, story: Story) -> None:
     _label(axes, story, f"Rating (at the end 1 : {following / best:.1f})", "mean queue position, 1 = best")
 
 
+def probabilities(axes: Axes, story: Story) -> None:
+    """The probability of each candidate and of none of them."""
+    probability = story.series("probability")
+    ends = f"at the end {percent(np.nanmax(probability[-1]))}"
+    _lines(axes, story, probability)
+    if len(story.unknown):
+        dots = (0, (1, 1.2))
+        axes.plot(story.iterations, story.unknown, color=NOBODY, lw=1.8, ls=dots, label=NONE_OF_THEM)
+        axes.legend(loc="center right", fontsize=8.5, framealpha=0.8)
+        if story.unknown[-1] > np.nanmax(probability[-1]):
+            ends = f"at the end {NONE_OF_THEM} {percent(story.unknown[-1])}"
+    axes.set_ylim(-0.03, 1.03)
+    _label(axes, story, f"Probability ({ends})", "0 to 1")
+
+
+def fit(axes: Axes, story: Story) -> None:
+    """How well each look fits a candidate at best."""
+    _lines(axes, story, story.series("w0"))
+    axes.set_ylim(-0.03, 1.03)
+    _label(axes, story, "Fit w0 of the look where it fits best", "0 to 1")
+
+
+def spread(axes: Axes, story: Story) -> None:
+    """By how much the poses may be wrong."""
+    _lines(axes, story, np.degrees(np.sqrt(story.series("variance"))))
+    axes.set_ylim(bottom=0.0)
+    _label(axes, story, "Spread of the pose", "degrees, root mean squared")
+
+
 def comparisons(axes: Axes, story: Story) -> None:
     """Feature comparisons per iteration beside brute force (Fig. 6c)."""
     made = [look.belief.estimate.comparisons for look in story.looks]
@@ -143,7 +181,14 @@ def variance(axes: Axes, story: Story) -> None:
     _label(axes, story, "Running variance of the pose", "deg², summed over the angles")
 
 
-CURVES: tuple[Callable[[Axes, Story], None], ...] = (path_course, ratings, comparisons, variance)
+Curve = Callable[[Axes, Story], None]
+
+
+def curves(story: Story) -> tuple[Curve, ...]:
+    """The four curves that show how the decision came about."""
+    if story.has_probabilities:
+        return probabilities, fit, comparisons, spread
+    return path_course, ratings, comparisons, variance
 
 
 def say(axes: Axes, text: str) -> None:

@@ -14,8 +14,9 @@ from matplotlib.gridspec import GridSpec, SubplotSpec
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
+from viewsep.account import Account
 from viewsep.config import geometry_of
-from viewsep.messages import Array, Outcome, Phase, Result
+from viewsep.messages import Array, Phase, Result
 from viewsep.plots import panels, sphere
 from viewsep.plots.contact_sheet import short_name, write_png
 from viewsep.plots.panels import COLOURS, OTHERS, SHADES, SPHERES, line_style, say
@@ -32,7 +33,7 @@ def report(recording: Recording, path: Path) -> None:
     story = retell(recording)
     figure = Figure(figsize=(16.0, 12.0), dpi=100, facecolor="white")
     _headline(figure, story)
-    columns = 3 if len(story.models) == 3 else 4
+    columns = min(SPHERES, len(story.models) * _spheres_each(story)) if story.looks else SPHERES
     side = 0.01 + 0.1225 * (4 - columns)
     spheres = GridSpec(1, columns, figure, left=side, right=1.0 - side, top=0.88, bottom=0.575, wspace=0.02)
     middle = GridSpec(1, 2, figure, left=0.01, right=0.99, top=0.495, bottom=0.285, wspace=0.03, width_ratios=(4, 5))
@@ -43,7 +44,7 @@ def report(recording: Recording, path: Path) -> None:
         say(figure.add_subplot(spheres[:]), "no percept was interpreted: there are no paths to show")
     _similarity(figure, middle[0], story)
     _pictures(figure, middle[1], story)
-    for column, curve in enumerate(panels.CURVES):
+    for column, curve in enumerate(panels.curves(story)):
         axes = figure.add_subplot(curves[0, column])
         if story.looks:
             curve(axes, story)
@@ -61,10 +62,12 @@ def _headline(figure: Figure, story: Story) -> None:
         travel = story.end.travel_rad if story.end else 0.0
         says, reason = "no result", "the recording ends before the task"
     else:
-        says, reason, travel = result.outcome.value, result.reason, result.travel_rad
-    if result is not None and result.outcome is Outcome.IDENTIFIED:
+        account = Account.of(result)
+        says, reason, travel = result.outcome.value, account.grounds, result.travel_rad
+        reason += f"; {account.pose}" if account.pose else ""
+    if result is not None and account.answer:
         verdict = f"wrong, it was {truth}" if wrong else "right" if truth else "truth not recorded"
-        says += f": {short_name(result.object, 36)} ({verdict})"
+        says += f": {short_name(account.answer, 72 if result.indistinct else 36)} ({verdict})"
     elif truth:
         says += f" (it was {truth})"
     seed, rig = story.task.get("seed", "not recorded"), story.config.rig
@@ -86,25 +89,30 @@ def _headline(figure: Figure, story: Story) -> None:
 def _decision(result: Result | None) -> str:
     if result is None:
         return "no result"
-    return f"{result.outcome} {short_name(result.object)}".strip() + f" after {result.looks} looks"
+    return f"{result.outcome} {short_name(Account.of(result).answer)}".strip() + f" after {result.looks} looks"
 
 
 def _candidate_spheres(figure: Figure, cells: GridSpec, story: Story) -> None:
     """A sphere per candidate; of two candidates a second one for the best hypothesis alone."""
     shown = story.ranking[:SPHERES]
-    each = 2 if len(shown) == 2 else 1
+    each = _spheres_each(story)
     view, final = panels.viewer(story), story.looks[-1].belief.estimate.candidates
     for place in range(each * len(shown)):
         rank, alone = divmod(place, each)
         k = shown[rank]
         axes = figure.add_subplot(cells[0, place])
         panels.candidate_sphere(axes, story, k, view, alone=bool(alone))
-        text = f"{short_name(final[k].name)}\nrating {final[k].rating:.3g}, w1 {np.degrees(final[k].w1):.1f}°"
+        text = f"{short_name(final[k].name)}\n{panels.standing(final[k])}"
         text = "\nits best hypothesis; thin: what w1 averages" if alone else text
         weight = "normal" if alone else "bold"
         axes.set_title(text, size=11, color=COLOURS[rank], weight=weight, pad=2, parse_math=False)
-    handles = sphere.legend()
+    handles = sphere.legend()[: 4 if story.has_probabilities else None]  # a posterior has no paths
     figure.legend(handles=handles, loc="center", bbox_to_anchor=(0.5, 0.556), ncols=6, frameon=False, fontsize=10.5)
+
+
+def _spheres_each(story: Story) -> int:
+    """How many spheres a candidate has; a posterior has no best path to show alone."""
+    return 2 if len(story.models) == 2 and not story.has_probabilities else 1
 
 
 def _similarity(figure: Figure, cell: SubplotSpec, story: Story) -> None:

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from viewsep.account import percent
 from viewsep.messages import CandidateEstimate
 from viewsep.plots.snapshots import address, snapshots, spread
 from viewsep.plots.story import Story
@@ -32,8 +33,9 @@ class Thumbnail:
 class Step:
     """Look `number`, at `percent` of the timeline. `picture` is an index, or -1; `pictured` the look it is of.
 
-    `facts` are time, phase, view, travel and comparisons; `cells` hold rating, times the best one's, w0, w1, w2, spread
-    and whether it has settled for every candidate, in the order of the final ranking.
+    `facts` are time, phase, view, travel and comparisons; `cells` hold rating, times the best one's, the probability
+    where candidates have any, w0, w1, w2, spread and whether it has settled for every candidate, in the order of the
+    final ranking. Where it is known how probable none of them is, that is a last row, its other cells empty.
     """
 
     number: int
@@ -81,6 +83,7 @@ def _step(story: Story, index: int, pictured: list[int], axis: Axis) -> Step:
     before = bisect_right(pictured, index) - 1
     estimates = look.belief.estimate.candidates
     best = min(candidate.rating for candidate in estimates)
+    unknown = look.belief.estimate.unknown
     return Step(
         number=index + 1,
         percent=axis.percent(look.percept.stamp_ns),
@@ -93,15 +96,20 @@ def _step(story: Story, index: int, pictured: list[int], axis: Axis) -> Step:
             f"{np.degrees(look.travel_rad):.0f}°",
             str(look.belief.estimate.comparisons),
         ],
-        cells=[_cells(estimates[k], best) for k in story.ranking],
+        cells=[
+            *(_cells(estimates[k], best, story.has_probabilities) for k in story.ranking),
+            *([["", "", "" if unknown is None else percent(unknown), *[""] * 5]] if len(story.unknown) else []),
+        ],
     )
 
 
-def _cells(candidate: CandidateEstimate, best: float) -> list[str]:
+def _cells(candidate: CandidateEstimate, best: float, rated: bool) -> list[str]:
     spread_deg = np.degrees(np.sqrt(candidate.variance))
+    probability = "" if candidate.probability is None else percent(candidate.probability)
     return [
         f"{candidate.rating:.3g}",
         f"{candidate.rating / best:.1f}",
+        *([probability] if rated else []),
         f"{candidate.w0:.3f}",
         f"{np.degrees(candidate.w1):.1f}°",
         f"{candidate.w2:.3f}",

@@ -14,7 +14,7 @@ from viewsep.engine.state import EngineState
 from viewsep.geometry import angle_between
 from viewsep.interfaces import Interpretation, Interpreter
 from viewsep.interpretation.interpreter import PathInterpreter, PathState
-from viewsep.messages import Array, FloatArray, Percept, PerceptReceived, Phase, Result, TaskStarted
+from viewsep.messages import Array, FloatArray, Outcome, Percept, PerceptReceived, Phase, Result, TaskStarted
 from viewsep.models.aspect_graph import AspectGraph
 from viewsep.recordings.codec import RecordedFrame
 from viewsep.recordings.reader import Recorded, Recording
@@ -89,9 +89,30 @@ class Story:
 
     @property
     def correct(self) -> bool | None:
-        """Whether the named object is the true one; None where none was named or the truth was not recorded."""
-        named = self.result.object if self.result else ""
-        return named == self.truth if named and self.truth else None
+        """Whether what was said is so; None where nothing was, or the truth was not recorded."""
+        if self.result is None or not self.truth:
+            return None
+        match self.result.outcome:
+            case Outcome.IDENTIFIED:
+                return self.result.object == self.truth
+            case Outcome.UNKNOWN:
+                return self.truth not in [model.name for model in self.models]
+            case Outcome.INDISTINGUISHABLE:
+                return self.truth in self.result.indistinct
+        return None
+
+    @cached_property
+    def has_probabilities(self) -> bool:
+        """Whether the interpreter said how probable the candidates are."""
+        return any(c.probability is not None for look in self.looks for c in look.belief.estimate.candidates)
+
+    @cached_property
+    def unknown(self) -> FloatArray:
+        """(H,) the probability that it is none of the candidates, nan where there is none; empty without any."""
+        said = [look.belief.estimate.unknown for look in self.looks]
+        if not self.has_probabilities or all(probability is None for probability in said):
+            return np.empty(0)
+        return np.array(said, np.float64)
 
     @cached_property
     def controlled(self) -> FloatArray:
@@ -127,7 +148,7 @@ class Story:
         return sum(len(model.directions) for model in self.models)
 
     def series(self, measure: str) -> FloatArray:
-        """(H, K) a measure of the candidates' estimates over the iterations."""
+        """(H, K) a measure of the candidates' estimates over the iterations, nan where there is none."""
         rows = [[getattr(c, measure) for c in look.belief.estimate.candidates] for look in self.looks]
         return np.array(rows, np.float64).reshape(len(rows), len(self.models))
 
@@ -197,5 +218,5 @@ def retell(recording: Recording) -> Story:
     )
 
 
-def _decision(result: Result | None) -> tuple[str, str, int] | None:
-    return None if result is None else (result.outcome.value, result.object, result.looks)
+def _decision(result: Result | None) -> tuple[str, str, tuple[str, ...], int] | None:
+    return None if result is None else (result.outcome.value, result.object, result.indistinct, result.looks)

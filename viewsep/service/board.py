@@ -6,6 +6,7 @@ import threading
 
 import numpy as np
 
+from viewsep.account import pose_spread_deg, telling_view_deg
 from viewsep.geometry import matrix_to_quaternion
 from viewsep.messages import CandidateEstimate, Estimate, FloatArray, Message, Phase, Result, TaskStarted
 from viewsep.service.status import CandidateStatus, ResultStatus
@@ -52,6 +53,7 @@ def candidate_status(candidate: CandidateEstimate) -> CandidateStatus:
         pose_quaternion_xyzw=_quaternion(candidate.rotation),
         spread_deg=spread if np.isfinite(spread) else None,
         converged=candidate.converged,
+        probability=candidate.probability,
     )
 
 
@@ -67,6 +69,9 @@ def result_status(task: str, result: Result, recording: str | None) -> ResultSta
         looks=result.looks,
         travel_deg=float(np.degrees(result.travel_rad)),
         recording=recording,
+        indistinct=result.indistinct,
+        telling_view_deg=telling_view_deg(result),
+        pose_spread_deg=pose_spread_deg(result),
     )
 
 

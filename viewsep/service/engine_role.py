@@ -151,6 +151,7 @@ class EngineRole:
                 owner=task.order.owner if task else "",
                 seed=task.order.seed if task else None,
                 candidates=tuple(candidate_status(c) for c in estimate.candidates) if estimate else (),
+                unknown=estimate.unknown if estimate else None,
                 looks=estimate.iteration if estimate else 0,
                 travel_deg=float(np.degrees(estimate.travel_rad)) if estimate else 0.0,
                 result=self._result,
@@ -204,6 +205,9 @@ class EngineRole:
         models = self._catalogue.candidates(request.candidates)
         name = f"{self._config.service.name}-{datetime.now(UTC):%Y%m%d-%H%M%S}-{secrets.token_hex(2)}"
         config, held = self._access.setup(self._config)
+        if request.pose_tolerance_deg is not None:
+            asked = config.task.model_copy(update={"pose_tolerance_deg": request.pose_tolerance_deg})
+            config = config.model_copy(update={"task": asked})
         truth = next((model.name for model in models if held and model.provenance.source == held), "")
         order = TaskOrder(name, request.owner, request.token, request.seed, truth, self._recording_file(name))
         check_descriptor(models, make_descriptor(config.descriptor))
@@ -256,7 +260,7 @@ class EngineRole:
                 self._result = ResultStatus(
                     task=order.name, outcome="failed", object=None, reason=str(error), recording=record
                 )
-            log.info("task %s: %s %s (%s)", order.name, self._result.outcome, self._result.object, self._result.reason)
+            log.info("task %s: %s", order.name, self._result.account.sentence)
             if error is not None:
                 self._faults = (f"task {order.name}: {error}",)
                 log.error("task %s: %s", order.name, error)

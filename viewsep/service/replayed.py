@@ -84,7 +84,7 @@ class ReplayedRig:
         if self._playback.stopped:
             return
         result = self._shown.end()
-        log.info("task %s: %s %s (%s)", result.task, result.outcome, result.object, result.reason)
+        log.info("task %s: %s", result.task, result.account.sentence)
 
     def watched(self) -> frozenset[str]:
         """The topics that somebody subscribes to."""

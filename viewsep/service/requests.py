@@ -53,10 +53,14 @@ class Request(BaseModel):
 
 
 class StartRequest(Request):
-    """Tell the object apart from the candidates (all models of the library when empty)."""
+    """Tell the object apart from the candidates (all models of the library when empty).
+
+    With `pose_tolerance_deg` it goes on until the pose is known that well, too; without, as the service is configured.
+    """
 
     candidates: tuple[str, ...] = Field(default=(), max_length=1000, strict=False)
     seed: int = Field(default=0, ge=0, le=MAX_SEED)
+    pose_tolerance_deg: float | None = Field(default=None, gt=0, le=180)
 
 
 class CancelRequest(Request):

@@ -146,6 +146,7 @@ class Shown:
                 owner=OWNER if self._task else "",
                 seed=self._seed if self._task else None,
                 candidates=tuple(candidate_status(c) for c in estimate.candidates) if estimate else (),
+                unknown=estimate.unknown if estimate else None,
                 looks=estimate.iteration if estimate else 0,
                 travel_deg=float(np.degrees(estimate.travel_rad)) if estimate else 0.0,
                 result=self._result,

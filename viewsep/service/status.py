@@ -10,6 +10,7 @@ from collections.abc import Sequence
 
 from pydantic import BaseModel, ConfigDict
 
+from viewsep.account import Account
 from viewsep.service.names import STATUS_SCHEMA
 
 
@@ -65,7 +66,10 @@ class RigStatus(Said):
 
 
 class CandidateStatus(Said):
-    """One candidate: rating (1 is best), its best hypothesis' measures and its pose, object -> control."""
+    """One candidate: rating (1 is best), its best hypothesis' measures and its pose, object -> control.
+
+    `probability` is null where the interpreter has none.
+    """
 
     name: str
     rating: float
@@ -75,10 +79,15 @@ class CandidateStatus(Said):
     pose_quaternion_xyzw: tuple[float, float, float, float]
     spread_deg: float | None
     converged: bool
+    probability: float | None = None
 
 
 class ResultStatus(Said):
-    """How the last task ended; the pose is null when it ended before it had begun."""
+    """How the last task ended; the pose is null when it ended before it had begun.
+
+    `indistinct` names those that remain when it is indistinguishable, `telling_view_deg` (azimuth, elevation) is the
+    view that would tell them apart but cannot be reached, `pose_spread_deg` by how much the pose may be wrong.
+    """
 
     task: str
     outcome: str
@@ -89,6 +98,15 @@ class ResultStatus(Said):
     looks: int = 0
     travel_deg: float = 0.0
     recording: str | None = None
+    indistinct: tuple[str, ...] = ()
+    telling_view_deg: tuple[float, float] | None = None
+    pose_spread_deg: float | None = None
+
+    @property
+    def account(self) -> Account:
+        """The same for people."""
+        telling_view, spread = self.telling_view_deg, self.pose_spread_deg
+        return Account(self.outcome, self.object or "", self.reason, self.indistinct, telling_view, spread)
 
 
 class RecordingStatus(Said):
@@ -111,13 +129,17 @@ class LinkStatus(Said):
 
 
 class EngineStatus(Said):
-    """The role that thinks and records. `task` and `owner` are empty when nothing runs."""
+    """The role that thinks and records. `task` and `owner` are empty when nothing runs.
+
+    `unknown` is the probability that the object is no candidate, null where the interpreter has none.
+    """
 
     phase: str
     task: str = ""
     owner: str = ""
     seed: int | None = None
     candidates: tuple[CandidateStatus, ...] = ()
+    unknown: float | None = None
     looks: int = 0
     travel_deg: float = 0.0
     result: ResultStatus | None = None
