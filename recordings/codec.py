@@ -296,6 +296,7 @@ def _encode_estimate(estimate: messages.Estimate) -> pb.Estimate:
         travel_rad=estimate.travel_rad,
         target=None if estimate.target is None else _flat("target", estimate.target, (3,)),
         unknown=estimate.unknown,
+        note=estimate.note,
     )
 
 
@@ -309,6 +310,7 @@ def _decode_estimate(estimate: pb.Estimate) -> messages.Estimate:
         estimate.travel_rad,
         _array("target", estimate.target, (3,)) if estimate.target else None,
         estimate.unknown if estimate.HasField("unknown") else None,
+        estimate.note,
     )
 
 

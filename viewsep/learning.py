@@ -14,7 +14,7 @@ from viewsep.config import Config
 from viewsep.errors import BadInput
 from viewsep.geometry import equidistant_sphere, rotation_showing, view_edges
 from viewsep.messages import Array, FloatArray
-from viewsep.models.aspect_graph import AspectGraph, Provenance
+from viewsep.models.aspect_graph import AspectGraph, Provenance, Trials
 from viewsep.models.library import check_name
 from viewsep.plugins import make_descriptor
 from viewsep.sim.render import CameraOptics
@@ -22,9 +22,11 @@ from viewsep.sim.render_cache import RenderCache
 from viewsep.sim.source import absolute_source, object_name, open_renderer
 from viewsep.sim.view_choice import every_kth, named_views
 from viewsep.sim.view_set import is_view_set, read_view_set
+from viewsep.trials import rolls, trial_directions, trials_of
 
 THUMBNAIL_PX = 48
 MESH_VIEWS = 100  # the seed's
+TRIALS_PER_VIEW, FEWEST_TRIALS = 0.6, 24
 FEWEST_NODES = 3  # of a model from photos
 CAMERA_DIRECTION = np.array([1.0, 0.0, 0.0])
 
@@ -32,15 +34,21 @@ CAMERA_DIRECTION = np.array([1.0, 0.0, 0.0])
 def learn_object(source: str, name: str, views: int, config: Config, cache: RenderCache | None = None) -> AspectGraph:
     """The aspect graph of a mesh or generated product from `views` equidistant renders. Raises BadInput, BadMesh."""
     directions = equidistant_sphere(views)
+    tried = trial_directions(max(FEWEST_TRIALS, round(TRIALS_PER_VIEW * views)))
     renderer = open_renderer(source, CameraOptics(config.camera.size_px), cache)
     try:
         pictures = [
             renderer.render(CAMERA_DIRECTION, rotation_showing(direction, CAMERA_DIRECTION)) for direction in directions
         ]
+        between = [
+            renderer.render(CAMERA_DIRECTION, rotation_showing(direction, CAMERA_DIRECTION, roll))
+            for direction, roll in zip(tried, rolls(len(tried)), strict=True)
+        ]
     finally:
         renderer.close()
     provenance = Provenance(absolute_source(source), renderer.mesh.digest, f"viewsep {__version__}")
-    return _model(name, directions, pictures, config, provenance)
+    trials = trials_of(tried, between, make_descriptor(config.descriptor))
+    return _model(name, directions, pictures, config, provenance, trials)
 
 
 def learn_view_set(
@@ -59,7 +67,9 @@ def learn_view_set(
         )
     pictures = [view_set.picture(index, config.camera.size_px) for index in chosen]
     provenance = Provenance(str(view_set.folder), view_set.digest, f"viewsep {__version__}")
-    model = _model(name, view_set.directions[chosen], pictures, config, provenance)
+    directions = view_set.directions[chosen]
+    trials = trials_of(directions, pictures, make_descriptor(config.descriptor), between=False)
+    model = _model(name, directions, pictures, config, provenance, trials)
     if len(model.edges) == 0:
         raise BadInput(
             f"{folder}: no two of the {len(chosen)} chosen views are neighbours, so far apart do they lie; choose "
@@ -74,6 +84,7 @@ def _model(
     pictures: Sequence[tuple[Array, Array]],
     config: Config,
     provenance: Provenance,
+    trials: Trials,
 ) -> AspectGraph:
     """The aspect graph of pictures with masks that show an object from directions (N, 3)."""
     descriptor = make_descriptor(config.descriptor)
@@ -87,6 +98,7 @@ def _model(
         descriptor=descriptor.name,
         descriptor_parameters=descriptor.parameters,
         provenance=provenance,
+        trials=trials,
     )
 
 

@@ -212,7 +212,8 @@ class Estimate:
     """What the interpreter believes after a percept. `comparisons` counts feature comparisons in this iteration.
 
     `target` is the (3,) view direction the planner is driving to, or None while exploring. `unknown` is the probability
-    that the object is none of the candidates, None where the interpreter has no probabilities.
+    that the object is none of the candidates, None where the interpreter has no probabilities. `note` is a sentence
+    about something out of the ordinary, mostly empty.
     """
 
     stamp_ns: int
@@ -223,6 +224,7 @@ class Estimate:
     travel_rad: float
     target: FloatArray | None
     unknown: float | None = None
+    note: str = ""
 
 
 @dataclass(frozen=True, eq=False, slots=True)

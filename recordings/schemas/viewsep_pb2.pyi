@@ -137,7 +137,7 @@ class Stop(_message.Message):
     def __init__(self, command_id: _Optional[int] = ..., reason: _Optional[str] = ...) -> None: ...
 
 class Estimate(_message.Message):
-    __slots__ = ("stamp_ns", "iteration", "phase", "candidates", "comparisons", "travel_rad", "target", "unknown")
+    __slots__ = ("stamp_ns", "iteration", "phase", "candidates", "comparisons", "travel_rad", "target", "unknown", "note")
     STAMP_NS_FIELD_NUMBER: _ClassVar[int]
     ITERATION_FIELD_NUMBER: _ClassVar[int]
     PHASE_FIELD_NUMBER: _ClassVar[int]
@@ -146,6 +146,7 @@ class Estimate(_message.Message):
     TRAVEL_RAD_FIELD_NUMBER: _ClassVar[int]
     TARGET_FIELD_NUMBER: _ClassVar[int]
     UNKNOWN_FIELD_NUMBER: _ClassVar[int]
+    NOTE_FIELD_NUMBER: _ClassVar[int]
     stamp_ns: int
     iteration: int
     phase: str
@@ -154,7 +155,8 @@ class Estimate(_message.Message):
     travel_rad: float
     target: _containers.RepeatedScalarFieldContainer[float]
     unknown: float
-    def __init__(self, stamp_ns: _Optional[int] = ..., iteration: _Optional[int] = ..., phase: _Optional[str] = ..., candidates: _Optional[_Iterable[_Union[CandidateEstimate, _Mapping]]] = ..., comparisons: _Optional[int] = ..., travel_rad: _Optional[float] = ..., target: _Optional[_Iterable[float]] = ..., unknown: _Optional[float] = ...) -> None: ...
+    note: str
+    def __init__(self, stamp_ns: _Optional[int] = ..., iteration: _Optional[int] = ..., phase: _Optional[str] = ..., candidates: _Optional[_Iterable[_Union[CandidateEstimate, _Mapping]]] = ..., comparisons: _Optional[int] = ..., travel_rad: _Optional[float] = ..., target: _Optional[_Iterable[float]] = ..., unknown: _Optional[float] = ..., note: _Optional[str] = ...) -> None: ...
 
 class CandidateEstimate(_message.Message):
     __slots__ = ("name", "rating", "w0", "w1", "w2", "rotation", "variance", "converged", "hypotheses", "probability")

@@ -153,10 +153,10 @@ def test_a_file_repacked_with_the_same_content_loads() -> None:
     assert_equal(from_bytes(packed(*unpacked()), "repacked"), model())
 
 
-@pytest.mark.parametrize("version", [0, 2, "1", None])
+@pytest.mark.parametrize("version", [0, 3, "1", None])
 def test_another_schema_version_is_refused_and_named(version: object) -> None:
     header, arrays = unpacked()
-    with pytest.raises(BadModel, match=rf"old\.viewsep: schema version {version}, but this viewsep reads 1"):
+    with pytest.raises(BadModel, match=rf"old\.viewsep: schema version {version}, but this viewsep reads 2"):
         from_bytes(packed({**header, "schema_version": version}, arrays), "old.viewsep")
 
 

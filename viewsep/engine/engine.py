@@ -121,7 +121,7 @@ class Engine:
         )
         if belief.conclusion and self._pose_known(belief):
             return self._end(state, conclusion(state, percept.stamp_ns, belief.conclusion))
-        if self._judges(state, percept.view_direction):
+        if belief.conclusion is None and self._judges(state, percept.view_direction):
             state = replace(state, leads=_leads(state, belief.leader))
             if belief.leader >= 0 and state.leads[1] >= self.limits.confirming_looks:
                 return self._end(state, identification(state, belief))

@@ -1,36 +1,31 @@
 """Exact Bayes over (candidate or none of them) x rotation, on a grid (design section 5).
 
 In an estimate `rating` is one over the candidate's probability, `w0` how well the look fits it at best (0 to 1), `w1`
-the spread of its pose (radians); it has no `w2`, which is 0.
+the spread of its pose (radians); `w2` has no meaning here and is 0.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated
 
 import numpy as np
 from pydantic import Field
 
-from viewsep.geometry import angle_between, nearest_rotation
-from viewsep.interfaces import Conclusion, Descriptor, Interpretation
-from viewsep.interpretation.likelihood import LAWS, Law, Library
-from viewsep.interpretation.rotation_grid import rotation_grid
-from viewsep.interpretation.view_cells import cell_of
-from viewsep.messages import (
-    Array,
-    CandidateEstimate,
-    Estimate,
-    FloatArray,
-    HypothesisViews,
-    Outcome,
-    Percept,
-    Phase,
-)
+from viewsep.geometry import angle_between
+from viewsep.interfaces import Conclusion, Descriptor, Interpretation, PoseSamples
+from viewsep.interpretation.independence import independent_share
+from viewsep.interpretation.posterior import Posterior, RotationGrid, spacing_rad_of
+from viewsep.interpretation.predictions import predictions_of
+from viewsep.messages import Array, CandidateEstimate, Estimate, FloatArray, HypothesisViews, Outcome, Percept, Phase
 from viewsep.models.aspect_graph import AspectGraph
 
 SHOWN = 50  # hypotheses per candidate that are shown to people
+POSED = 8  # likeliest candidates whose poses are worked out
+SAMPLED, SAMPLES, FEWEST_SAMPLES = 5, 40, 8  # candidates, and rotations of all and of each, that stand for all
+PROMOTED = 8  # parked candidates that are taken up again in one step at most
+CALM_BOUNDS = (0.02, 0.98)  # of the probability that looks are clean: the light may change
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +35,9 @@ class FilterOptions:
     `rotations` is the size of the grid; `independent_after_deg` how far the view must turn until a percept counts as
     evidence of its own; `confidence` the probability at which a candidate is named; `unknown_prior` that of an object
     that is no candidate; `floor` how far below the best a rotation's log-probability may fall, so that a slip can be
-    recovered from; a pose is known when its spread is below `pose_within_deg`.
+    recovered from; a pose is known when its spread is below `pose_within_deg`; `motion_noise_deg` how far the object
+    may turn in its holder, or the rig be wrong, between two independent looks; `followed` how many candidates'
+    rotations are followed at once; `slips` how often a pose may be lost and searched anew.
     """
 
     rotations: Annotated[int, Field(ge=1000, le=200_000)] = 12_000
@@ -49,16 +46,29 @@ class FilterOptions:
     unknown_prior: Annotated[float, Field(ge=0, lt=1)] = 0.05
     floor: Annotated[float, Field(gt=1, le=200)] = 25.0
     pose_within_deg: Annotated[float, Field(gt=0, le=90)] = 12.0
+    motion_noise_deg: Annotated[float, Field(ge=0, le=45)] = 1.0
+    followed: Annotated[int, Field(ge=2, le=10_000)] = 24
+    slips: Annotated[int, Field(ge=0, le=100)] = 3
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class FilterState:
-    """`log_p` (K, G) float32 and `log_none` are logarithms of probabilities that sum to 1; `view` (3,) was the last."""
+    """The posterior, and what it was made of since the pose was searched last.
 
-    log_p: Array
-    log_none: float
-    view: FloatArray | None
-    looks: int
+    `prior` (K,) are the candidates' probabilities then; `looks` (L, M) projected percepts, their `views` (L, 3) and
+    `shares` (L,) of evidence, so that a parked candidate can be taken up again. `calm` is the probability that looks
+    are as clean as the models' views; `settled` says that a pose was known; `slips` counts how often it was lost since.
+    """
+
+    posterior: Posterior
+    prior: FloatArray
+    looks: Array
+    views: FloatArray
+    shares: FloatArray
+    calm: float = 0.5
+    settled: bool = False
+    slips: int = 0
+    count: int = 0
 
 
 class FilterInterpreter:
@@ -71,97 +81,217 @@ class FilterInterpreter:
         self, models: Sequence[AspectGraph], descriptor: Descriptor, options: FilterOptions | None = None
     ) -> None:
         self.options = options or FilterOptions()
-        self.library = Library(models, LAWS.get(descriptor.name, Law()))
-        self.descriptor = descriptor
-        self.rotations = rotation_grid(self.options.rotations)
-        columns = self.rotations.transpose(1, 2, 0).reshape(3, -1)
-        self._columns = np.ascontiguousarray(columns, np.float32)  # c @ this is every u = R^T c
-        self._flat = self.rotations.reshape(len(self.rotations), 9).astype(np.float32)
+        self.predictions = predictions_of(tuple(models))
+        self.grid = RotationGrid(self.options.rotations)
 
     def start(self) -> FilterState:
         """Every candidate and rotation as likely as any other."""
-        count, grid = len(self.library.names), len(self.rotations)
-        each = np.log((1.0 - self.options.unknown_prior) / (count * grid))
-        none = float(np.log(self.options.unknown_prior)) if self.options.unknown_prior else -np.inf
-        return FilterState(np.full((count, grid), each, np.float32), none, None, 0)
+        count, none = len(self.predictions.names), self.options.unknown_prior
+        prior = np.full(count, (1.0 - none) / count)
+        empty = np.empty((0, self.predictions.dimensions), np.float32)
+        return FilterState(self._opened(prior, none), prior, empty, np.empty((0, 3)), np.empty(0))
 
     def update(self, state: FilterState, percept: Percept) -> tuple[FilterState, Interpretation]:
         """Multiply with the likelihood of the percept, as far as it is evidence of its own."""
-        turned = np.pi if state.view is None else float(angle_between(state.view, percept.view_direction))
-        share = np.float32(min(1.0, turned / np.radians(self.options.independent_after_deg)))
-        likelihood = self.library.log_likelihood(percept.feature)
-        log_p = state.log_p + share * likelihood[:, self._cells(percept.view_direction)]
-        log_none = state.log_none + float(share) * self.library.law.of_nothing
-        top = max(float(log_p.max()), log_none)
-        log_p = np.maximum(log_p - np.float32(top), np.float32(-self.options.floor))
-        total = float(np.log(np.exp(log_p).sum(dtype=np.float64) + np.exp(log_none - top)))
-        log_none = max(log_none - top, -self.options.floor) - total
-        after = FilterState(log_p - np.float32(total), log_none, percept.view_direction, state.looks + 1)
-        return after, self._interpret(after, percept, likelihood)
+        look, view = self.predictions.project(percept.feature), percept.view_direction
+        turned = 1.0
+        if len(state.views):
+            turned = min(1.0, float(angle_between(state.views[-1], view)) / self._independent_rad)
+        share = min(turned, float(independent_share(view[None], state.views, self._independent_rad)[0]))
+        spacing = spacing_rad_of(self.options.rotations)
+        noise = turned * min(1.0, (np.radians(self.options.motion_noise_deg) / spacing) ** 2)
+        after = replace(
+            state,
+            posterior=self._seen(
+                state.posterior.diffused(noise, self.options.rotations), look, view, share, state.calm
+            ),
+            looks=np.concatenate([state.looks, look[None]]),
+            views=np.concatenate([state.views, view[None]]),
+            shares=np.append(state.shares, share),
+            count=state.count + 1,
+        )
+        slipped = state.settled and self._lost(after.posterior) and state.slips < self.options.slips
+        if slipped:
+            after = self._searched_anew(state, after)
+        after = self._follow(after)
+        after = replace(after, calm=self._calm(after, share))
+        interpretation = self._interpret(after, percept, slipped)
+        return replace(after, settled=interpretation.converged), interpretation
+
+    @property
+    def _independent_rad(self) -> float:
+        return float(np.radians(self.options.independent_after_deg))
 
     def hypotheses(self, state: FilterState, stamp_ns: int) -> HypothesisViews:
-        """The most likely rotations of every candidate, where they believe the last view to be."""
-        count = len(self.library.names)
-        best = np.argpartition(-state.log_p, SHOWN, axis=1)[:, :SHOWN]
-        weight = np.exp(np.take_along_axis(state.log_p, best, axis=1)).astype(np.float64).ravel()
-        view = np.zeros(3) if state.view is None else state.view
-        seen = np.repeat(view[None], count * SHOWN, axis=0)
-        owner = np.repeat(np.arange(count), SHOWN)
-        return HypothesisViews(stamp_ns, self.library.names, owner, seen, weight / max(weight.sum(), 1e-300))
+        """The most likely rotations of every candidate that is followed, where they believe the last view to be."""
+        active, log_p = state.posterior.active, state.posterior.log_p
+        best = np.argpartition(-log_p, SHOWN, axis=1)[:, :SHOWN]
+        weight = np.exp(np.take_along_axis(log_p, best, axis=1)).astype(np.float64).ravel()
+        view = state.views[-1] if len(state.views) else np.zeros(3)
+        seen = np.repeat(view[None], len(active) * SHOWN, axis=0)
+        owner = np.repeat(active, SHOWN)
+        return HypothesisViews(stamp_ns, self.predictions.names, owner, seen, weight / max(weight.sum(), 1e-300))
 
-    def _cells(self, view: FloatArray) -> Array:
-        """(G,) the cell each rotation sees the object's sphere in."""
-        x, y, z = (view.astype(np.float32) @ self._columns).reshape(3, -1)
-        return cell_of(x, y, z)
+    def _opened(self, prior: FloatArray, none: float) -> Posterior:
+        """Candidates with probabilities (K,), every rotation as likely as any other."""
+        grid = self.options.rotations
+        with np.errstate(divide="ignore"):
+            log_prior, log_none = np.log(prior), float(np.log(none))
+        active = np.sort(np.argsort(-prior, kind="stable")[: self.options.followed])
+        log_p = np.repeat((log_prior[active] - np.log(grid)).astype(np.float32)[:, None], grid, axis=1)
+        parked = log_prior.copy()
+        parked[active] = -np.inf
+        return Posterior(active, log_p, parked, log_none)
 
-    def _interpret(self, state: FilterState, percept: Percept, likelihood: Array) -> Interpretation:
-        probability = np.exp(state.log_p).sum(axis=1, dtype=np.float64)
-        poses = [self._pose(state.log_p[k]) for k in range(len(probability))]
-        rotations = np.stack([rotation for rotation, _ in poses])
-        limit = np.radians(self.options.pose_within_deg) ** 2
+    def _seen(self, posterior: Posterior, look: Array, view: FloatArray, share: float, calm: float) -> Posterior:
+        likelihood = np.float32(share) * self.predictions.log_likelihood(look, posterior.active, calm)
+        best = np.zeros(len(posterior.parked))
+        if len(posterior.active) < len(best):
+            best = share * self.predictions.best_log_likelihood(look, calm).astype(np.float64)
+        none = share * self.predictions.log_of_others(look)
+        return posterior.times(likelihood, self.grid.cells(view), best, none).normalised(self.options.floor)
+
+    def _lost(self, posterior: Posterior) -> bool:
+        """Whether the looks have stopped to fit any candidate."""
+        return bool(posterior.none > np.log(0.5))
+
+    def _searched_anew(self, before: FilterState, after: FilterState) -> FilterState:
+        """The object has slipped: who it is stays likely, how it is held is open; only the last look counts."""
+        known = before.posterior.probabilities()
+        prior = 0.5 * known / known.sum() + 0.5 / len(known)
+        none = self.options.unknown_prior
+        prior *= 1.0 - none
+        look, view = after.looks[-1], after.views[-1]
+        posterior = self._seen(self._opened(prior, none), look, view, 1.0, after.calm)
+        return replace(
+            after,
+            posterior=posterior,
+            prior=prior,
+            looks=look[None],
+            views=view[None],
+            shares=np.ones(1),
+            slips=before.slips + 1,
+        )
+
+    def _follow(self, state: FilterState) -> FilterState:
+        """Of a large library, take up parked candidates that rate better than followed ones, in their place."""
+        posterior = state.posterior
+        if len(posterior.active) == len(posterior.parked):
+            return state
+        rating = posterior.parked.copy()
+        rating[posterior.active] = posterior.log_p.max(axis=1) + np.log(self.options.rotations)
+        order = np.argsort(-rating, kind="stable")[: self.options.followed]
+        order = order[rating[order] > rating.max() - self.options.floor]
+        new = [k for k in order if k not in posterior.active]
+        if len(state.shares) > 1:
+            new = new[:PROMOTED]
+        active = np.sort(np.concatenate([np.intersect1d(order, posterior.active), np.array(new, int)]))
+        rows = dict(zip(posterior.active.tolist(), posterior.log_p, strict=True))
+        rows |= zip(new, self._replayed(state, np.array(new, int)), strict=True)
+        parked = posterior.parked.copy()
+        parked[posterior.active] = np.log(np.maximum(posterior.mass, 1e-300))
+        parked[active] = -np.inf
+        follows = Posterior(active, np.stack([rows[k] for k in active]), parked, posterior.none, posterior.evidence)
+        return replace(state, posterior=follows.normalised(self.options.floor))
+
+    def _replayed(self, state: FilterState, candidates: Array) -> Array:
+        """(A,) candidates -> (A, G) what their rotations would be, had they been followed from the start."""
+        log_p = np.repeat(np.log(state.prior[candidates])[:, None], self.options.rotations, axis=1)
+        log_p -= np.log(self.options.rotations) + state.posterior.evidence
+        for look, view, share in zip(state.looks, state.views, state.shares, strict=True):
+            likelihood = self.predictions.log_likelihood(look, candidates, state.calm)
+            log_p += share * likelihood[:, self.grid.cells(view)]
+        replayed: Array = log_p.astype(np.float32)
+        return replayed
+
+    def _calm(self, state: FilterState, share: float) -> float:
+        """The probability that looks are clean, from how the last one differs from what the best rotation predicts."""
+        posterior = state.posterior
+        a, rotation = np.unravel_index(np.argmax(posterior.log_p), posterior.log_p.shape)
+        cell = int(self.grid.cells(state.views[-1])[rotation])
+        worse = self.predictions.disturbance(state.looks[-1], int(posterior.active[a]), cell)
+        odds = np.log(state.calm / (1.0 - state.calm)) - share * worse
+        return float(np.clip(1.0 / (1.0 + np.exp(-odds)), *CALM_BOUNDS))
+
+    def _interpret(self, state: FilterState, percept: Percept, slipped: bool) -> Interpretation:
+        posterior = state.posterior
+        probability = posterior.probabilities()
         order = np.argsort(-probability, kind="stable")
+        rotations = np.repeat(np.eye(3)[None], len(probability), axis=0)
+        variance = np.full(len(probability), np.inf)
+        place = {int(k): a for a, k in enumerate(posterior.active)}
+        posed = [int(k) for k in order[:POSED] if int(k) in place]
+        for k in posed:
+            rotations[k], variance[k] = self.grid.pose(posterior.log_p[place[k]])
+        limit = np.radians(self.options.pose_within_deg) ** 2
+        none = float(np.exp(posterior.none))
         leader = int(order[0]) if probability[order[0]] >= self.options.confidence else -1
         plausible = probability > 0.01 * probability.max()
         plausible[order[:2]] = True
+        fit = self.predictions.fit(state.looks[-1])
+        candidates = tuple(
+            CandidateEstimate(
+                name=name,
+                rating=float(1.0 / max(probability[k], 1e-12)),
+                w0=float(fit[k]),
+                w1=float(np.sqrt(variance[k])),
+                w2=0.0,
+                rotation=rotations[k],
+                variance=float(variance[k]),
+                converged=bool(variance[k] < limit),
+                hypotheses=self.options.rotations if k in place else 0,
+                probability=float(probability[k]),
+            )
+            for k, name in enumerate(self.predictions.names)
+        )
         estimate = Estimate(
             stamp_ns=percept.stamp_ns,
-            iteration=state.looks,
+            iteration=state.count,
             phase=Phase.EXPLORING,
-            candidates=tuple(
-                CandidateEstimate(
-                    name=name,
-                    rating=float(1.0 / max(probability[k], 1e-12)),
-                    w0=float(np.exp(likelihood[k].max())),
-                    w1=float(np.sqrt(poses[k][1])),
-                    w2=0.0,
-                    rotation=rotations[k],
-                    variance=poses[k][1],
-                    converged=bool(poses[k][1] < limit),
-                    hypotheses=len(self.rotations),
-                    probability=float(probability[k]),
-                )
-                for k, name in enumerate(self.library.names)
-            ),
-            comparisons=self.library.nodes,
+            candidates=candidates,
+            comparisons=len(self.predictions.views),
             travel_rad=0.0,
             target=None,
-            unknown=float(np.exp(state.log_none)),
+            unknown=none,
+            note="looks stopped to fit, as if the object had slipped: its pose is searched anew" if slipped else "",
         )
-        known = None
-        if leader >= 0:
-            reason = f"its probability is {probability[leader]:.4f} after {state.looks} looks"
-            known = Conclusion(Outcome.IDENTIFIED, reason)
-        converged = bool(poses[order[0]][1] < limit)
-        return Interpretation(estimate, rotations, converged, plausible, leader, fresh=False, conclusion=known)
+        return Interpretation(
+            estimate,
+            rotations,
+            converged=bool(variance[order[0]] < limit) and none < 0.5,
+            plausible=plausible,
+            leader=leader,
+            fresh=slipped,
+            conclusion=self._concluded(state, leader, probability, none),
+            samples=self._samples(state, [k for k in posed if plausible[k]][:SAMPLED], probability),
+        )
 
-    def _pose(self, log_p: Array) -> tuple[FloatArray, float]:
-        """The mean rotation around the best one (3, 3), and the mean squared angle to it over all."""
-        best = int(np.argmax(log_p))
-        weight = np.exp(log_p - log_p[best])
-        cosine = self._flat @ self._flat[best]  # trace(A^T B) = 1 + 2 cos
-        near = np.flatnonzero((cosine > 1.0 + 2.0 * np.cos(np.radians(25.0))) & (weight > 1e-4))
-        mean = nearest_rotation(np.tensordot(weight[near].astype(np.float64), self.rotations[near], 1))
-        trace = self._flat @ mean.ravel().astype(np.float32)
-        angle = np.arccos(np.clip((trace - 1.0) / 2.0, -1.0, 1.0))
-        spread = float((weight * angle * angle).sum(dtype=np.float64) / weight.sum(dtype=np.float64))
-        return mean, spread
+    def _concluded(self, state: FilterState, leader: int, probability: FloatArray, none: float) -> Conclusion | None:
+        after = f"after {state.count} looks"
+        if state.slips:
+            after += f", {state.slips} of its poses lost on the way" if state.slips > 1 else ", its pose lost once"
+        if leader >= 0:
+            return Conclusion(Outcome.IDENTIFIED, f"its probability is {probability[leader]:.4f} {after}")
+        if none >= self.options.confidence:
+            return Conclusion(Outcome.UNKNOWN, f"the probability of that is {none:.4f} {after}")
+        return None
+
+    def _samples(self, state: FilterState, chosen: Sequence[int], probability: FloatArray) -> PoseSamples:
+        """Rotations of the chosen candidates as likely as they are, each candidate with its probability as weight."""
+        owner, rotation, weight = [], [], []
+        each = max(FEWEST_SAMPLES, SAMPLES // max(1, len(chosen)))
+        for k in chosen:
+            p = np.exp(state.posterior.log_p[np.searchsorted(state.posterior.active, k)], dtype=np.float64)
+            drawn = np.searchsorted(np.cumsum(p) / p.sum(), (np.arange(each) + 0.5) / each)
+            owner.append(np.full(each, k))
+            rotation.append(self.grid.rotations[np.minimum(drawn, len(p) - 1)])
+            weight.append(np.full(each, probability[k] / each))
+        if not owner:
+            return PoseSamples()
+        return PoseSamples(
+            np.concatenate(owner),
+            np.concatenate(rotation),
+            np.concatenate(weight),
+            state.views,
+            self._independent_rad,
+        )

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from viewsep.geometry import angle_between
-from viewsep.messages import Array, FloatArray
+from viewsep.messages import Array, BoolArray, FloatArray
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -22,12 +22,26 @@ class Provenance:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
+class Trials:
+    """Further looks at the object while it was learned: how far looks lie from what the views predict.
+
+    `directions` (T, 3) float64 unit vectors in the object frame; `features` (T, D) float32; `disturbed` (T,) bool, True
+    where light, blur, noise and mask were made worse.
+    """
+
+    directions: FloatArray
+    features: Array
+    disturbed: BoolArray
+
+
+@dataclass(frozen=True, eq=False, slots=True)
 class AspectGraph:
     """N views of one object.
 
     `directions` (N, 3) float64 unit vectors in the object frame; `edges` (E, 2) int32 node pairs; `features` (N, D)
     float32; `thumbnails` (N, h, w, 3) uint8 small pictures for people, never used for deciding. `descriptor` and
-    `descriptor_parameters` say what made the features.
+    `descriptor_parameters` say what made the features. `trials` are there to learn the scale of the likelihood from;
+    None in models that were learned without.
     """
 
     name: str
@@ -38,16 +52,20 @@ class AspectGraph:
     descriptor: str
     descriptor_parameters: dict[str, float | int | str]
     provenance: Provenance
+    trials: Trials | None = None
     digest: str = field(init=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "digest", self._digest())
 
     def _digest(self) -> str:
-        """SHA-256 over all that decides: name, descriptor, directions, edges, features. Not the provenance."""
+        """SHA-256 over all that decides: name, descriptor, directions, edges, features, trials. Not the provenance."""
         h = hashlib.sha256()
         h.update(json.dumps([self.name, self.descriptor, self.descriptor_parameters], sort_keys=True).encode())
-        for array, kind in ((self.directions, "<f8"), (self.edges, "<i4"), (self.features, "<f4")):
+        arrays = [(self.directions, "<f8"), (self.edges, "<i4"), (self.features, "<f4")]
+        if self.trials is not None:
+            arrays += [(self.trials.directions, "<f8"), (self.trials.features, "<f4"), (self.trials.disturbed, "|b1")]
+        for array, kind in arrays:
             h.update(str(array.shape).encode())
             h.update(np.ascontiguousarray(array, dtype=kind).tobytes())
         return h.hexdigest()

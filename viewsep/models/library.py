@@ -19,9 +19,9 @@ import numpy as np
 
 from viewsep.errors import BadInput, BadModel
 from viewsep.files import write_whole
-from viewsep.models.aspect_graph import AspectGraph, Provenance
+from viewsep.models.aspect_graph import AspectGraph, Provenance, Trials
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2  # 1: without trials, still read
 SUFFIX = ".viewsep"
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,99}")
 _UNREADABLE = (
@@ -36,6 +36,7 @@ _UNREADABLE = (
     zlib.error,
 )
 _ARRAYS = {"directions": "<f8", "edges": "<i4", "features": "<f4", "thumbnails": "|u1"}
+_TRIALS = {"directions": "<f8", "features": "<f4", "disturbed": "|b1"}
 
 
 def check_name(name: str) -> str:
@@ -51,7 +52,7 @@ def to_bytes(model: AspectGraph) -> bytes:
     """The model file's content; equal models give equal bytes."""
     header = {
         "format": "viewsep model",
-        "schema_version": SCHEMA_VERSION,
+        "schema_version": 1 if model.trials is None else SCHEMA_VERSION,
         "name": model.name,
         "digest": model.digest,
         "descriptor": model.descriptor,
@@ -64,6 +65,9 @@ def to_bytes(model: AspectGraph) -> bytes:
     }
     text = np.frombuffer(json.dumps(header, sort_keys=True).encode(), np.uint8)
     arrays = {name: np.ascontiguousarray(getattr(model, name), dtype=kind) for name, kind in _ARRAYS.items()}
+    if model.trials is not None:
+        for name, kind in _TRIALS.items():
+            arrays[f"trial_{name}"] = np.ascontiguousarray(getattr(model.trials, name), dtype=kind)
     buffer = io.BytesIO()
     np.savez_compressed(buffer, allow_pickle=False, header=text, **arrays)
     return buffer.getvalue()
@@ -86,6 +90,7 @@ def from_bytes(data: bytes, origin: str) -> AspectGraph:
         descriptor=header["descriptor"],
         descriptor_parameters=header["descriptor_parameters"],
         provenance=Provenance(**header["provenance"]),
+        trials=_trials(arrays, origin) if header["schema_version"] == SCHEMA_VERSION else None,
         **{name: arrays[name] for name in _ARRAYS},
     )
     if model.digest != header["digest"]:
@@ -135,11 +140,31 @@ def load_library(library: Path, names: Sequence[str] = ()) -> list[AspectGraph]:
     return [load(known[name]) for name in names or known]
 
 
+def _trials(arrays: dict[str, Any], origin: str) -> Trials:
+    """Raises BadModel where they do not fit the views."""
+    for name, kind in _TRIALS.items():
+        array = arrays.get(f"trial_{name}")
+        if array is None or array.dtype != np.dtype(kind):
+            raise BadModel(f"{origin}: array 'trial_{name}' is missing or of the wrong type: learn the object again")
+    trials = Trials(**{name: arrays[f"trial_{name}"] for name in _TRIALS})
+    count = len(trials.directions)
+    fits = (
+        trials.directions.shape == (count, 3)
+        and trials.features.shape == (count, arrays["features"].shape[1])
+        and trials.disturbed.shape == (count,)
+        and np.isfinite(trials.features).all()
+        and np.allclose(np.linalg.norm(trials.directions, axis=1), 1.0, atol=1e-6)
+    )
+    if not fits:
+        raise BadModel(f"{origin}: its trials do not fit its views: learn the object again")
+    return trials
+
+
 def _check_header(header: Any, origin: str) -> None:
     if not isinstance(header, dict) or header.get("format") != "viewsep model":
         raise BadModel(f"{origin}: not a viewsep model: learn the object with `viewsep learn`")
     version = header.get("schema_version")
-    if version != SCHEMA_VERSION:
+    if version not in (1, SCHEMA_VERSION):
         raise BadModel(
             f"{origin}: schema version {version}, but this viewsep reads {SCHEMA_VERSION}: learn the object again"
         )

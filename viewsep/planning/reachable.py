@@ -10,7 +10,7 @@ from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
-from viewsep.geometry import angle_between, great_circle, spacing_of, tangent_towards, view_edges
+from viewsep.geometry import angle_between, great_circle, perpendicular, spacing_of, tangent_towards, view_edges
 from viewsep.kinematics import VIEW_TOLERANCE_RAD, RigGeometry, reachable_directions
 from viewsep.messages import Array, BoolArray, FloatArray
 
@@ -21,15 +21,22 @@ class ReachableViews:
     """Reachable view directions in the control frame.
 
     `directions` (M, 3) cover what can be reached; `reaches(c)` says which of (..., 3) can be shown exactly: (...) bool.
-    `single` is True where nothing but `directions` can be reached, however far apart they are.
+    `single` is True where nothing but `directions` can be reached, however far apart they are. `speed_rad_s` is how
+    fast the slowest joint turns, and so the view at least.
     """
 
     def __init__(
-        self, directions: FloatArray, reaches: Callable[[FloatArray], BoolArray], *, single: bool = False
+        self,
+        directions: FloatArray,
+        reaches: Callable[[FloatArray], BoolArray],
+        *,
+        single: bool = False,
+        speed_rad_s: float = 1.0,
     ) -> None:
         self.directions = directions
         self.reaches = reaches
         self.single = single
+        self.speed_rad_s = speed_rad_s
         self.spacing_rad = spacing_of(directions)
         self._tree = cKDTree(directions)
 
@@ -45,7 +52,8 @@ class ReachableViews:
     @lru_cache(maxsize=8)
     def of(geometry: RigGeometry) -> ReachableViews:
         """All views of a rig with revolute joints."""
-        return ReachableViews(reachable_directions(geometry), geometry.reaches)
+        speed = min(limit.max_speed_rad_s for limit in geometry.limits)
+        return ReachableViews(reachable_directions(geometry), geometry.reaches, speed_rad_s=speed)
 
     def nearest(self, directions: FloatArray) -> FloatArray:
         """Those of (..., 3) directions that can be reached themselves, for others the closest of `self.directions`."""
@@ -85,17 +93,45 @@ class ReachableViews:
             waypoints.pop()
         return np.array([*waypoints, end])
 
+    def ways(self, start: FloatArray, ends: FloatArray, step_rad: float) -> tuple[Array, BoolArray, FloatArray]:
+        """About how the views lie on the ways from `start` (3,) to many reachable `ends` (V, 3), to compare them.
+
+        Returns (V, N) indices of directions about `step_rad` apart, the end last, (V, N) which of them there are, and
+        (V,) lengths in radians. What `path` goes exactly is here only as near as the next direction; an end that cannot
+        be reached has an infinite length.
+        """
+        points, there, length = _arcs(start, ends, step_rad)
+        gap, node = (np.asarray(found) for found in self._tree.query(points))
+        passable = np.all((gap <= self._reach) | ~there, axis=1)
+        if passable.all():
+            return node, there, length
+        first, *last = np.asarray(self._tree.query(np.vstack([start, ends]))[1]).tolist()
+        along, before = dijkstra(self._graph, directed=False, indices=[first], return_predecessors=True)
+        for v in np.flatnonzero(~passable):
+            length[v] = along.ravel()[last[v]]
+            way = self._thinned(_back(before.ravel(), first, last[v]), step_rad)[: there.shape[1]]
+            node[v, : len(way)] = way
+            there[v] = np.arange(there.shape[1]) < len(way)
+        return node, there, length
+
+    def _thinned(self, nodes: Array, step_rad: float) -> Array:
+        """Those of the nodes on a way that are `step_rad` apart, the last one always."""
+        if len(nodes) < 2:
+            return nodes
+        done = np.cumsum(angle_between(self.directions[nodes[1:]], self.directions[nodes[:-1]]))
+        steps = np.floor(done / step_rad + 1e-9)
+        return np.append(nodes[1:-1][np.diff(steps) > 0], nodes[-1])
+
+    @cached_property
+    def _reach(self) -> float:
+        """How far a view may be from the nearest direction to be on the way."""
+        return VIEW_TOLERANCE_RAD if self.single else 1.3 * self.spacing_rad
+
     def _shortest(self, start: FloatArray, end: FloatArray) -> Array:
         """Indices of the directions on the shortest way from `start` to `end`, empty where there is none."""
         first, last = (int(self._tree.query(point)[1]) for point in (start, end))
         _, (before,) = dijkstra(self._graph, directed=False, indices=[first], return_predecessors=True)
-        way = [last]
-        while way[-1] != first:
-            previous = int(before[way[-1]])
-            if previous < 0:
-                return np.empty(0, int)
-            way.append(previous)
-        return np.array(way[::-1])
+        return _back(before, first, last)
 
     @cached_property
     def _pairs(self) -> Array:
@@ -111,3 +147,26 @@ class ReachableViews:
         pairs = self._pairs
         length = angle_between(self.directions[pairs[:, 0]], self.directions[pairs[:, 1]])
         return csr_matrix((length, (pairs[:, 0], pairs[:, 1])), shape=(len(self.directions),) * 2)
+
+
+def _back(before: Array, first: int, last: int) -> Array:
+    """The nodes from `first` to `last` by their predecessors, empty where there is no way."""
+    way = [last]
+    while way[-1] != first:
+        previous = int(before[way[-1]])
+        if previous < 0:
+            return np.empty(0, int)
+        way.append(previous)
+    return np.array(way[::-1])
+
+
+def _arcs(start: FloatArray, ends: FloatArray, step_rad: float) -> tuple[FloatArray, BoolArray, FloatArray]:
+    """Points (V, N, 3) `step_rad` apart on the great circles to (V, 3), the end last, which there are, and lengths."""
+    length = angle_between(np.broadcast_to(start, ends.shape), ends)
+    count = np.maximum(1, np.ceil(length / step_rad - 1e-9)).astype(int)
+    index = np.arange(1, int(count.max()) + 1)
+    angle = np.minimum(index * step_rad, length[:, None])[..., None]
+    tangent = tangent_towards(start, ends)
+    tangent[~tangent.any(axis=1)] = perpendicular(start)  # the same point, or the opposite one
+    points = np.cos(angle) * start + np.sin(angle) * tangent[:, None]
+    return points, index <= count[:, None], length

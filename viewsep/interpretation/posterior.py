@@ -1,0 +1,122 @@
+"""The probability of every candidate and rotation, and how a look changes it (design section 5)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cache
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from viewsep.geometry import nearest_rotation
+from viewsep.interpretation.rotation_grid import rotation_grid
+from viewsep.interpretation.view_cells import cell_of
+from viewsep.messages import Array, FloatArray
+
+NEIGHBOURS = 6  # of a rotation, that probability leaks to
+MODE_RAD = np.radians(25.0)  # around the best rotation: the rest are other ways to hold it
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Posterior:
+    """Logarithms of probabilities that sum to 1 over all candidates and `none` of them.
+
+    `active` (A,) are the candidates whose rotations are followed, in order, `log_p` (A, G) float32; `parked` (K,) are
+    estimates from above of the others' probabilities, -inf for active ones. `evidence` is what was taken off all of
+    them so that they sum to 1.
+    """
+
+    active: Array
+    log_p: Array
+    parked: FloatArray
+    none: float
+    evidence: float = 0.0
+
+    @property
+    def mass(self) -> FloatArray:
+        """(A,) probabilities of the active candidates."""
+        mass: FloatArray = np.exp(self.log_p).sum(axis=1, dtype=np.float64)
+        return mass
+
+    def probabilities(self) -> FloatArray:
+        """(K,) of all candidates."""
+        probability = np.exp(self.parked)
+        probability[self.active] = self.mass
+        return probability
+
+    def normalised(self, floor: float) -> Posterior:
+        """The same with a sum of 1; a rotation's logarithm falls no further than `floor` below the best one's."""
+        top = max(float(self.log_p.max()), self.none)
+        log_p = np.maximum(self.log_p - np.float32(top), np.float32(-floor))
+        none = max(self.none - top, -floor)
+        parked = self.parked - top
+        total = np.exp(log_p).sum(dtype=np.float64) + np.exp(none) + np.exp(parked).sum()
+        log_total = float(np.log(total))
+        return Posterior(
+            self.active,
+            log_p - np.float32(log_total),
+            parked - log_total,
+            none - log_total,
+            self.evidence + top + log_total,
+        )
+
+    def times(self, likelihood: Array, cells: Array, parked: FloatArray, none: float) -> Posterior:
+        """Multiplied with a look's (A, CELLS) log-likelihoods at the rotations' `cells` (G,), and those of the rest."""
+        return replace(
+            self,
+            log_p=self.log_p + likelihood[:, cells],
+            parked=self.parked + parked,
+            none=self.none + none,
+        )
+
+    def diffused(self, share: float, grid: int) -> Posterior:
+        """Every rotation gives a `share` of its probability to its neighbours: where the object is, is not exact."""
+        if share <= 0.0:
+            return self
+        p = np.exp(self.log_p)
+        around = p[:, neighbours_of(grid)].mean(axis=2)
+        mixed = np.log((1.0 - np.float32(share)) * p + np.float32(share) * around + np.float32(1e-30))
+        return replace(self, log_p=mixed)
+
+
+@cache
+def neighbours_of(grid: int) -> Array:
+    """(G, NEIGHBOURS) the rotations next to each of the grid's."""
+    flat = rotation_grid(grid).reshape(grid, 9)
+    near = np.asarray(cKDTree(flat).query(flat, k=NEIGHBOURS + 1)[1])[:, 1:]
+    return near.astype(np.int32)
+
+
+@cache
+def spacing_rad_of(grid: int) -> float:
+    """The mean angle from a rotation of the grid to the next one."""
+    rotations = rotation_grid(grid)
+    trace = np.einsum("gij,gij->g", rotations, rotations[neighbours_of(grid)[:, 0]])
+    return float(np.arccos(np.clip((trace - 1.0) / 2.0, -1.0, 1.0)).mean())
+
+
+class RotationGrid:
+    """The grid's rotations, and where each of them sees the object from."""
+
+    def __init__(self, count: int) -> None:
+        self.rotations = rotation_grid(count)
+        columns = self.rotations.transpose(1, 2, 0).reshape(3, -1)
+        self._columns = np.ascontiguousarray(columns, np.float32)  # c @ this is every u = R^T c
+        self._flat = self.rotations.reshape(count, 9).astype(np.float32)
+
+    def cells(self, view: FloatArray) -> Array:
+        """(3,) -> (G,) the cell each rotation sees the object's sphere in."""
+        x, y, z = (view.astype(np.float32) @ self._columns).reshape(3, -1)
+        return cell_of(x, y, z)
+
+    def pose(self, log_p: Array) -> tuple[FloatArray, float]:
+        """(G,) -> the mean rotation around the best one (3, 3), and the mean squared angle to it over all."""
+        best = int(np.argmax(log_p))
+        weight = np.exp(log_p - log_p[best])
+        cosine = self._flat @ self._flat[best]  # trace(A^T B) = 1 + 2 cos
+        near = np.flatnonzero((cosine > 1.0 + 2.0 * np.cos(MODE_RAD)) & (weight > 1e-4))
+        mean = nearest_rotation(np.tensordot(weight[near].astype(np.float64), self.rotations[near], 1))
+        trace = self._flat @ mean.ravel().astype(np.float32)
+        angle = np.arccos(np.clip((trace - 1.0) / 2.0, -1.0, 1.0))
+        spread = float((weight * angle * angle).sum(dtype=np.float64) / weight.sum(dtype=np.float64))
+        return mean, spread

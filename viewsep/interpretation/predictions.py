@@ -1,0 +1,218 @@
+"""What every candidate shows from everywhere, and how likely a look is there: learned from the candidates' trials."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from viewsep.interpretation.law import Law
+from viewsep.interpretation.metric import Metric, Residuals, embedded, residuals_of
+from viewsep.interpretation.view_cells import CELLS, Interpolation, cell_directions
+from viewsep.messages import Array, FloatArray
+from viewsep.models.aspect_graph import AspectGraph
+
+CALM, DISTURBED = 0, 1
+TEMPERS = tuple(np.round(np.geomspace(0.05, 0.5, 12), 4))
+TEMPERED_ON, NEAR_RAD = 240, np.radians(8.0)
+REGION_RAD, REGION_PRIOR, MODEL_PRIOR = np.radians(20.0), 8.0, 16.0
+"""A region's scale is that of the trials around it and of `REGION_PRIOR` ones like the model's, and so on."""
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class _Measured:
+    """A model's residuals that had no part in the metric: squared lengths (R,), level (R,), cell (R,), looks (R, M)."""
+
+    distance2: FloatArray
+    level: Array
+    cell: Array
+    looks: Array
+
+
+class Predictions:
+    """All candidates' views as one matrix, and the law of looks at them.
+
+    `laws` are those of looks as clean as the model's views, and of disturbed ones. Residuals of one look are not
+    independent of each other, so evidence is tempered by `temper`, at which the trials' views are found with the
+    probability that they are given. Half of the trials make the metric, the other half laws, scales and temper.
+    """
+
+    def __init__(self, models: Sequence[AspectGraph]) -> None:
+        self.names = tuple(model.name for model in models)
+        parts = [_interpolation(model) for model in models]
+        residuals = [residuals_of(model, part) for model, part in zip(models, parts, strict=True)]
+        self.metric = _metric(models, residuals)
+        views = [self.metric.project(model.features) for model in models]
+        self.views = np.concatenate(views)  # (N, M)
+        self._views_norm2: Array = np.einsum("ne,ne->n", self.views, self.views)
+        self.starts = np.cumsum([0, *(len(model.directions) for model in models[:-1])])
+        self._node = np.stack([part.node + start for part, start in zip(parts, self.starts, strict=True)])
+        self._weight = np.stack([part.weight for part in parts])
+        self._covered = np.stack([part.covered for part in parts])
+        self._norm2 = np.stack([self._predicted_norm2(k) for k in range(len(models))])
+        measured = [_measured(residual, self.metric) for residual in residuals]
+        self.laws = _laws(measured, self.dimensions)
+        self._scale = np.stack([_scales(one, self.laws) for one in measured])
+        self._of_others, self._volume = _others(self.views)
+        self.temper = self._best_temper(measured)
+
+    @property
+    def dimensions(self) -> int:
+        """M, of the projected features."""
+        return int(self.metric.centre.size)
+
+    def project(self, feature: Array) -> Array:
+        """(D,) -> (M,)."""
+        (projected,) = self.metric.project(feature[None])
+        return np.asarray(projected)
+
+    def distance2(self, look: Array, candidates: Array) -> Array:
+        """(M,) projected look and (A,) candidates -> (A, CELLS) squared distances to what they show in the cells."""
+        product = self.views @ look
+        predicted = np.einsum("kcj,kcj->kc", self._weight[candidates], product[self._node[candidates]])
+        distance2: Array = np.maximum(look @ look - 2.0 * predicted + self._norm2[candidates], 0.0)
+        return distance2
+
+    def log_likelihood(self, look: Array, candidates: Array, calm: float) -> Array:
+        """(M,) projected look, (A,) candidates -> (A, CELLS) float32 tempered log-likelihoods.
+
+        `calm` is the probability that looks are as clean as the models' views. Where a model has no view close enough,
+        the look is as likely as one at any object.
+        """
+        seen = self._mixed(self.distance2(look, candidates), self._scale[candidates], calm)
+        return np.where(self._covered[candidates], seen, np.float32(self.log_of_others(look)))
+
+    def best_log_likelihood(self, look: Array, calm: float) -> Array:
+        """(M,) projected look -> (K,) float32 at the most similar view of every candidate."""
+        distance2 = look @ look - 2.0 * (self.views @ look) + self._views_norm2
+        nearest = np.minimum.reduceat(np.maximum(distance2, 0.0), self.starts)
+        return self._mixed(nearest, np.ones(len(nearest), np.float32), calm)
+
+    def fit(self, look: Array) -> Array:
+        """(M,) projected look -> (K,) how well it fits the most similar view of every candidate: 1 exactly, 0 not."""
+        law = self.laws[DISTURBED]
+        distance2 = look @ look - 2.0 * (self.views @ look) + self._views_norm2
+        nearest = np.minimum.reduceat(np.maximum(distance2, 0.0), self.starts)
+        fit: Array = 1.0 / (1.0 + nearest / (law.dimensions * law.scale2))
+        return fit
+
+    def log_of_others(self, look: Array) -> float:
+        """The tempered log-likelihood of a look at an object that is no candidate: the law of all candidates' views."""
+        law, variance = self._of_others, self._volume
+        distance2 = np.atleast_1d(look / variance @ look)
+        density = float(law.log(distance2)[0]) - 0.5 * float(np.log(variance).sum())
+        return self.temper * density
+
+    def disturbance(self, look: Array, candidate: int, cell: int) -> float:
+        """The logarithm of how much more likely a look is as a disturbed one than as a clean one, from a cell."""
+        shown = self.prediction(candidate, np.array([cell]))[0]
+        distance2 = np.atleast_1d((look - shown) @ (look - shown))
+        scale = self._scale[candidate, cell]
+        calm, disturbed = (float(law.log(distance2, law.scale2 * scale)[0]) for law in self.laws)
+        return self.temper * (disturbed - calm)
+
+    def prediction(self, candidate: int, cells: Array) -> Array:
+        """(N,) cells -> (N, M) what a candidate shows there."""
+        shown: Array = np.einsum("nj,nje->ne", self._weight[candidate, cells], self.views[self._node[candidate, cells]])
+        return shown
+
+    def known(self, candidate: int, cells: Array) -> Array:
+        """(N,) cells -> (N,) bool: whether the candidate has views there."""
+        covered: Array = self._covered[candidate, cells]
+        return covered
+
+    def _mixed(self, distance2: Array, scale: Array, calm: float) -> Array:
+        logs = [
+            np.float32(np.log(max(share, 1e-12))) + law.log(distance2, np.float32(law.scale2) * scale)
+            for law, share in zip(self.laws, (calm, 1.0 - calm), strict=True)
+        ]
+        mixed: Array = np.float32(self.temper) * np.logaddexp(*logs)
+        return mixed
+
+    def _predicted_norm2(self, k: int) -> Array:
+        """(CELLS,) squared length of the mixtures, which are shorter than the features they are made of."""
+        shown = self.prediction(k, np.arange(CELLS))
+        norm2: Array = np.einsum("ne,ne->n", shown, shown)
+        return norm2
+
+    def _best_temper(self, measured: Sequence[_Measured]) -> float:
+        """The power of the likelihood at which the trials' true views are the most probable ones."""
+        total = np.zeros(len(TEMPERS))
+        each = max(1, TEMPERED_ON // len(measured))
+        for k in np.unique(np.linspace(0, len(measured) - 1, min(len(measured), TEMPERED_ON)).astype(int)):
+            one = measured[k]
+            for r in np.unique(np.linspace(0, len(one.level) - 1, min(each, len(one.level))).astype(int)):
+                law = self.laws[one.level[r]]
+                log = law.log(self.distance2(one.looks[r], np.array([k]))[0], law.scale2 * self._scale[k])
+                near = cell_directions() @ cell_directions()[one.cell[r]] > np.cos(NEAR_RAD)
+                powers = np.outer(TEMPERS, np.where(self._covered[k], log - log.max(), -np.inf))
+                found = np.exp(powers)
+                total += np.log(np.maximum(found[:, near].sum(axis=1) / found.sum(axis=1), 1e-6))
+        return float(TEMPERS[int(np.argmax(total))])
+
+
+@lru_cache(maxsize=2)
+def predictions_of(models: tuple[AspectGraph, ...]) -> Predictions:
+    """Those of these models, shared by interpreter and planner."""
+    return Predictions(models)
+
+
+_INTERPOLATIONS: dict[bytes, Interpolation] = {}
+
+
+def _interpolation(model: AspectGraph) -> Interpolation:
+    """Models with the same views share it: finding it takes longer than a look."""
+    key = model.directions.tobytes() + model.edges.tobytes()
+    if key not in _INTERPOLATIONS:
+        if len(_INTERPOLATIONS) >= 64:
+            _INTERPOLATIONS.clear()
+        _INTERPOLATIONS[key] = Interpolation.of(model)
+    return _INTERPOLATIONS[key]
+
+
+def _metric(models: Sequence[AspectGraph], residuals: Sequence[Residuals]) -> Metric:
+    """From all views and every other residual, or as many as are needed of a large library."""
+    every = max(1, len(models) // 50)
+    views = np.concatenate([embedded(model.features[:: min(every, 20)]) for model in models])
+    errors = [(one.looks - one.predicted)[:: 2 * min(every, 20)] for one in residuals]
+    return Metric.fit(views, np.concatenate(errors))
+
+
+def _measured(residuals: Residuals, metric: Metric) -> _Measured:
+    odd = slice(1, None, 2)
+    looks, predicted = (part[odd] @ metric.projection for part in (residuals.looks, residuals.predicted))
+    distance2 = ((looks - predicted) ** 2).sum(axis=1).astype(np.float64)
+    return _Measured(distance2, residuals.disturbed[odd].astype(int), residuals.cell[odd], looks - metric.centre)
+
+
+def _laws(measured: Sequence[_Measured], dimensions: int) -> tuple[Law, Law]:
+    """Of clean and of disturbed looks; where there are none of a kind, as the other kind."""
+    distance2 = np.concatenate([one.distance2 for one in measured])
+    level = np.concatenate([one.level for one in measured])
+    found = [distance2[level == kind] for kind in (CALM, DISTURBED)]
+    calm, disturbed = (Law.fit(part if len(part) else distance2, dimensions) for part in found)
+    return calm, disturbed
+
+
+def _scales(measured: _Measured, laws: Sequence[Law]) -> Array:
+    """(CELLS,) float32 by which a model's scale differs from the library's around every cell."""
+    ratio = np.empty(len(measured.level))
+    for kind, law in enumerate(laws):
+        here = measured.level == kind
+        distance2 = measured.distance2[here]
+        ratio[here] = law.weight(distance2) * distance2 / (law.dimensions * law.scale2)
+    own = (ratio.sum() + MODEL_PRIOR) / (len(ratio) + MODEL_PRIOR)
+    angle = np.arccos(np.clip(cell_directions() @ cell_directions()[measured.cell].T, -1.0, 1.0))
+    kernel = np.exp(-0.5 * (angle / REGION_RAD) ** 2)
+    around = (kernel @ ratio + REGION_PRIOR * own) / (kernel.sum(axis=1) + REGION_PRIOR)
+    scales: Array = around.astype(np.float32)
+    return scales
+
+
+def _others(views: Array) -> tuple[Law, Array]:
+    """The law of all candidates' views (N, M), and their variance (M,)."""
+    variance = np.maximum(views.var(axis=0, dtype=np.float64), 1e-9).astype(np.float32)
+    law = Law.fit((views**2 / variance).sum(axis=1).astype(np.float64), views.shape[1])
+    return law, variance

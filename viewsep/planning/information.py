@@ -1,0 +1,139 @@
+"""Next views by the information they promise about who is seen, for every second of motion (design section 5)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Annotated
+
+import numpy as np
+from pydantic import Field
+
+from viewsep.geometry import angle_between, equidistant_sphere
+from viewsep.interfaces import Conclusion, Interpretation, NextView, PoseSamples
+from viewsep.interpretation.predictions import predictions_of
+from viewsep.messages import FloatArray, Outcome, Phase
+from viewsep.models.aspect_graph import AspectGraph
+from viewsep.planning.exploration import GeodesicExploration
+from viewsep.planning.promise import promised
+from viewsep.planning.reachable import ReachableViews
+
+ON_THE_WAY_RAD = np.radians(10.0)  # between the looks that a motion is taken to give
+UNREACHABLE_VIEWS = 200  # on the whole sphere, where a view is looked for that would help
+
+
+@dataclass(frozen=True, slots=True)
+class InformationOptions:
+    """`step_deg` is the shortest movement, `longest_deg` the longest, `views` how many reachable views are weighed.
+
+    `settling_s` is what a movement takes beside turning. A view that promises fewer than `least_bits` about the
+    candidate promises nothing; after `patience` plans in a row in which none does, with a known pose, the candidates
+    are indistinguishable, with an unknown one after `lost_patience`.
+    """
+
+    step_deg: Annotated[float, Field(ge=1, le=90)] = 10.0
+    longest_deg: Annotated[float, Field(ge=1, le=180)] = 60.0
+    views: Annotated[int, Field(ge=10, le=5000)] = 150
+    settling_s: Annotated[float, Field(ge=0, le=10)] = 0.4
+    least_bits: Annotated[float, Field(gt=0, lt=1)] = 0.02
+    patience: Annotated[int, Field(ge=1, le=1000)] = 4
+    lost_patience: Annotated[int, Field(ge=1, le=1000)] = 30
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class InformationState:
+    """How it explores while no view promises anything, and for how many plans in a row that has been so."""
+
+    exploration: GeodesicExploration
+    idle: int = 0
+
+
+class InformationPlanner:
+    """Drives to where the looks, those on the way too, are expected to tell the most about the candidate in a second.
+
+    When the name is known and the pose is asked for, it is the pose they should tell.
+    """
+
+    options_type = InformationOptions
+    state_type = InformationState
+
+    def __init__(
+        self, models: Sequence[AspectGraph], reachable: ReachableViews, options: InformationOptions | None = None
+    ) -> None:
+        self.options = options or InformationOptions()
+        self.reachable = reachable
+        self.predictions = predictions_of(tuple(models))
+        every = max(1, len(reachable.directions) // self.options.views)
+        self._views = reachable.directions[::every]
+        self._view_of = np.argmax(reachable.directions @ self._views.T, axis=1)  # of every direction the nearest
+        self._anywhere = equidistant_sphere(UNREACHABLE_VIEWS)
+
+    def start(self, seed: int, view_direction: FloatArray) -> tuple[InformationState, NextView]:
+        """Where the rig is: any view is as good as another before the first look."""
+        rng = np.random.default_rng(seed)
+        exploration = GeodesicExploration.start(rng, view_direction, self._step_rad)
+        return InformationState(exploration), NextView(None, Phase.STARTING)
+
+    def next_view(
+        self, state: InformationState, view_direction: FloatArray, belief: Interpretation | None
+    ) -> tuple[InformationState, NextView]:
+        """Towards the view with the most information per second; exploring where none promises anything."""
+        if belief is None or len(belief.samples.weight) == 0:
+            return self._explore(state, view_direction)
+        promise = promised(self.predictions, belief.samples, self._views)
+        wanted = promise.pose if belief.conclusion else promise.candidate
+        if wanted.max() >= self.options.least_bits:
+            return replace(state, idle=0), self._towards(view_direction, wanted)
+        state = replace(state, idle=state.idle + 1)
+        patience = self.options.patience if belief.converged or belief.conclusion else self.options.lost_patience
+        if state.idle >= patience:
+            concluded = self._concluded(belief)
+            if concluded is not None:
+                return state, NextView(None, Phase.EXPLORING, conclusion=concluded)
+        if promise.pose.max() >= self.options.least_bits:
+            return state, self._towards(view_direction, promise.pose)
+        return self._explore(state, view_direction)
+
+    def _explore(self, state: InformationState, view: FloatArray) -> tuple[InformationState, NextView]:
+        exploration, direction = state.exploration.next_view(view, self.reachable)
+        return replace(state, exploration=exploration), NextView(direction, Phase.EXPLORING)
+
+    def _towards(self, here: FloatArray, bits: FloatArray) -> NextView:
+        """A movement to the best target or to the first view on the way that is half as good."""
+        node, there, length = self.reachable.ways(here, self._views, ON_THE_WAY_RAD)
+        seen = np.where(there, bits[self._view_of[node]], 0.0)
+        limit = float(bits.max())
+        gain = limit * (1.0 - np.prod(1.0 - 0.95 * seen / limit, axis=1))
+        rate = gain / (self.options.settling_s + length / self.reachable.speed_rad_s)
+        best = int(np.argmax(np.where(length < 0.5 * self._step_rad, 0.0, rate)))  # here it has looked already
+        target = self._views[best]
+        path = self.reachable.path(here, target, ON_THE_WAY_RAD)
+        far = np.cumsum(angle_between(np.vstack([here, path[:-1]]), path))
+        good = bits[np.argmax(path @ self._views.T, axis=1)]
+        first = int(np.argmax(good >= 0.5 * good.max()))
+        shortest, longest = np.searchsorted(far, [self._step_rad - 1e-6, np.radians(self.options.longest_deg)])
+        view = path[min(max(first, int(shortest)), int(longest), len(path) - 1)]
+        return NextView(view, Phase.APPROACHING, target, arrives=True)  # it waits there for a look
+
+    def _concluded(self, belief: Interpretation) -> Conclusion | None:
+        """Why going on is of no use; None where it is none of the candidates that are likely."""
+        if belief.conclusion is not None:
+            return Conclusion(Outcome.IDENTIFIED, "no view that this rig can show promises more about its pose")
+        probability = np.array([candidate.probability or 0.0 for candidate in belief.estimate.candidates])
+        alike = np.flatnonzero(probability > 0.05 * probability.max())
+        if len(alike) < 2 or probability[alike].sum() < 0.9:
+            return None
+        reason = "no view that this rig can show tells them apart"
+        return Conclusion(
+            Outcome.INDISTINGUISHABLE, reason, tuple(int(k) for k in alike), self._telling_view(belief.samples)
+        )
+
+    def _telling_view(self, samples: PoseSamples) -> FloatArray | None:
+        """Of all views the one that promises the most, where that is anything."""
+        bits = promised(self.predictions, samples, self._anywhere).candidate
+        best = int(np.argmax(bits))
+        return self._anywhere[best] if bits[best] >= 5.0 * self.options.least_bits else None
+
+    @property
+    def _step_rad(self) -> float:
+        return float(np.radians(self.options.step_deg))

@@ -1,0 +1,64 @@
+"""How much a look is expected to tell about the candidate and its pose."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from viewsep.interfaces import PoseSamples
+from viewsep.interpretation.independence import independent_share
+from viewsep.interpretation.predictions import Predictions
+from viewsep.interpretation.view_cells import cell_of
+from viewsep.messages import Array, FloatArray
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Promise:
+    """Bits that a look from each view is expected to give: `candidate` (V,), and `pose` (V,) of who is most likely."""
+
+    candidate: FloatArray
+    pose: FloatArray
+
+
+def promised(predictions: Predictions, samples: PoseSamples, views: FloatArray) -> Promise:
+    """What looks from (V, 3) views promise.
+
+    The information is the entropy of the mixture of all samples' predictions less that of each candidate's own; the
+    entropy of a mixture is estimated by the overlaps of its parts (Kolchinsky and Tracey 2017, with Bhattacharyya's).
+    """
+    overlap = _overlap(predictions, _shown(predictions, samples, views))
+    weight = samples.weight / samples.weight.sum()
+    same = samples.owner[:, None] == samples.owner[None, :]
+    owners = (same * weight).sum(axis=1)
+    mixed = -np.log2(overlap @ weight) @ weight
+    own = -np.log2((overlap * same) @ weight / owners)
+    leader = samples.owner[np.argmax(owners)]
+    of_leader = np.where(samples.owner == leader, weight, 0.0)
+    share = independent_share(views, samples.seen, samples.independent_rad)
+    candidate: FloatArray = share * np.maximum(mixed - own @ weight, 0.0)
+    pose: FloatArray = share * np.maximum(own @ of_leader / of_leader.sum(), 0.0)
+    return Promise(candidate, pose)
+
+
+def _shown(predictions: Predictions, samples: PoseSamples, views: FloatArray) -> Array:
+    """(V, S, M) what each sample predicts from each view; where its model has no view, what it shows nearest."""
+    seen = np.einsum("sji,vj->svi", samples.rotation, views)
+    cells = cell_of(*np.moveaxis(seen, 2, 0))
+    shown = np.empty((len(views), len(samples.owner), predictions.dimensions), np.float32)
+    for k in np.unique(samples.owner):
+        mine = np.flatnonzero(samples.owner == k)
+        predicted = predictions.prediction(int(k), cells[mine].ravel())
+        shown[:, mine] = predicted.reshape(len(mine), len(views), -1).transpose(1, 0, 2)
+    return shown
+
+
+def _overlap(predictions: Predictions, shown: Array) -> FloatArray:
+    """(V, S, S) in (0, 1]: how alike looks at two samples would be; 1 when they cannot be told apart."""
+    norm2 = np.einsum("vse,vse->vs", shown, shown)
+    distance2 = norm2[:, :, None] + norm2[:, None, :] - 2.0 * shown @ shown.transpose(0, 2, 1)
+    half_way = 0.25 * np.maximum(distance2, 0.0)
+    nothing = np.zeros(1, np.float32)
+    overlaps = [np.exp(predictions.temper * (law.log(half_way) - law.log(nothing))) for law in predictions.laws]
+    overlap: FloatArray = np.mean(overlaps, axis=0).astype(np.float64)
+    return overlap
