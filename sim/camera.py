@@ -8,7 +8,7 @@ import numpy as np
 
 from viewsep.errors import NotConnected, Timeout
 from viewsep.messages import Frame
-from viewsep.sim.disturbances import disturbed
+from viewsep.sim.disturbances import constant_gains, disturbed
 from viewsep.sim.render import Pictures
 from viewsep.sim.world import MEMORY_S, Scene
 
@@ -58,7 +58,7 @@ class SimCamera:
             self._count_drops(sequence)
         with self._rendering:
             image, mask = self._pictures.render(self._scene.geometry.camera_direction, rotation)
-        image, mask = disturbed(image, mask, d, self._rng(sequence, 4))
+        image, mask = disturbed(image, mask, d, self._rng(sequence, 4), constant_gains(d, self._seed))
         return Frame(stamp_ns, sequence, image, mask)
 
     @property

@@ -141,6 +141,8 @@ class SimConfig(Section):
     """Disturbances of the simulated rig; 0 is off."""
 
     light: float = Field(default=0.0, ge=0, le=1)
+    light_offset: float = Field(default=0.0, ge=0, lt=1)
+    white_balance: float = Field(default=0.0, ge=0, lt=1)
     noise: float = Field(default=0.0, ge=0, le=1)
     blur_px: float = Field(default=0.0, ge=0, le=50)
     mask_error: float = Field(default=0.0, ge=0, le=1)

@@ -306,6 +306,8 @@ def test_which_frames_are_lost_follows_the_seed_and_not_who_reads(open_rig: Open
 
 PICTURES_GO_WRONG = {
     "light": Disturbances(light=0.3),
+    "light_offset": Disturbances(light_offset=0.3),
+    "white_balance": Disturbances(white_balance=0.2),
     "noise": Disturbances(noise=0.05),
     "blur": Disturbances(blur_px=2.0),
     "mask_error": Disturbances(mask_error=0.1),

@@ -27,7 +27,7 @@ from viewsep.models.aspect_graph import AspectGraph
 from viewsep.planning.exploration import EXPLORATIONS, Exploration
 from viewsep.planning.reachable import ReachableViews
 from viewsep.plugins import make_descriptor, make_interpreter
-from viewsep.sim.disturbances import Disturbances, disturbed
+from viewsep.sim.disturbances import Disturbances, constant_gains, disturbed
 from viewsep.sim.render import Pictures
 from viewsep.sim.view_set import is_view_set
 
@@ -95,7 +95,8 @@ class _Walk:
     def _look(self, index: int, view: FloatArray) -> Percept:
         shown = rotation_showing(view @ self.rotation, self._camera_direction)
         image, mask = self._pictures.render(self._camera_direction, shown)
-        image, mask = disturbed(image, mask, self._disturbances, np.random.default_rng([self._seed, 4, index]))
+        gains = constant_gains(self._disturbances, self._seed)
+        image, mask = disturbed(image, mask, self._disturbances, np.random.default_rng([self._seed, 4, index]), gains)
         return Percept(index, index, self._descriptor.name, self._descriptor.describe(image, mask), view)
 
 
