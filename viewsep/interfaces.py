@@ -192,8 +192,8 @@ class Conclusion:
 class PoseSamples:
     """What may be seen and how it may be held: `owner` (S,) candidates' indices, `rotation` (S, 3, 3), `weight` (S,).
 
-    The weights of a candidate's samples sum to its probability. A look tells less where it has been looked from before:
-    those are the views `seen` (L, 3); `independent_rad` away from them it tells all it can.
+    The weights of a candidate's samples sum to about its probability. A look tells less where it has been looked from
+    before: those are the views `seen` (L, 3); `independent_rad` away from them it tells all it can.
     """
 
     owner: Array = field(default_factory=lambda: np.empty(0, np.int64))

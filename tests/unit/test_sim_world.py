@@ -349,7 +349,8 @@ def test_a_disturbance_changes_pictures_and_follows_the_seed(open_rig: Open, wha
     assert looks(PICTURES_GO_WRONG[what], 1) == spoilt
     if what != "blur":  # takes nothing from chance
         assert looks(PICTURES_GO_WRONG[what], 2) != spoilt
-        assert spoilt[0] != spoilt[1]
+        same_for_all = what in ("light_offset", "white_balance")
+        assert same_for_all or spoilt[0] != spoilt[1]
 
 
 def grey(disturbances: Disturbances, seed: int = 0) -> tuple[Array, Array]:

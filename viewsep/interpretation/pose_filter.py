@@ -25,6 +25,8 @@ SHOWN = 50  # hypotheses per candidate that are shown to people
 POSED = 8  # likeliest candidates whose poses are worked out
 SAMPLED, SAMPLES, FEWEST_SAMPLES = 5, 40, 8  # candidates, and rotations of all and of each, that stand for all
 PROMOTED = 8  # parked candidates that are taken up again in one step at most
+DOUBT = 0.05
+PLACE_RAD = np.radians(12.0)
 CALM_BOUNDS = (0.02, 0.98)  # of the probability that looks are clean: the light may change
 
 
@@ -33,16 +35,18 @@ class FilterOptions:
     """Settings of the pose filter.
 
     `rotations` is the size of the grid; `independent_after_deg` how far the view must turn until a percept counts as
-    evidence of its own; `confidence` the probability at which a candidate is named; `unknown_prior` that of an object
-    that is no candidate; `floor` how far below the best a rotation's log-probability may fall, so that a slip can be
-    recovered from; a pose is known when its spread is below `pose_within_deg`; `motion_noise_deg` how far the object
-    may turn in its holder, or the rig be wrong, between two independent looks; `followed` how many candidates'
-    rotations are followed at once; `slips` how often a pose may be lost and searched anew.
+    evidence of its own; `confidence` the probability at which a candidate is named, if it keeps that of `corroborated`
+    without the looks from any one place; `unknown_prior` that of an object that is no candidate; `floor` how far below
+    the best a rotation's log-probability may fall, so that a slip can be recovered from; a pose is known when its
+    spread is below `pose_within_deg`; `motion_noise_deg` how far the object may turn in its holder, or the rig be
+    wrong, between two independent looks; `followed` how many candidates' rotations are followed at once; `slips` how
+    often a pose may be lost and searched anew.
     """
 
     rotations: Annotated[int, Field(ge=1000, le=200_000)] = 12_000
     independent_after_deg: Annotated[float, Field(gt=0, le=90)] = 10.0
     confidence: Annotated[float, Field(gt=0.5, lt=1)] = 0.99
+    corroborated: Annotated[float, Field(ge=0, lt=1)] = 0.8
     unknown_prior: Annotated[float, Field(ge=0, lt=1)] = 0.05
     floor: Annotated[float, Field(gt=1, le=200)] = 25.0
     pose_within_deg: Annotated[float, Field(gt=0, le=90)] = 12.0
@@ -55,9 +59,11 @@ class FilterOptions:
 class FilterState:
     """The posterior, and what it was made of since the pose was searched last.
 
-    `prior` (K,) are the candidates' probabilities then; `looks` (L, M) projected percepts, their `views` (L, 3) and
-    `shares` (L,) of evidence, so that a parked candidate can be taken up again. `calm` is the probability that looks
-    are as clean as the models' views; `settled` says that a pose was known; `slips` counts how often it was lost since.
+    `prior` (K + 1,) are the probabilities of the candidates and of none of them then; `looks` (L, M) projected,
+    their `views` (L, 3) and `shares` (L,) of evidence, so that a parked candidate can be taken up again; `gains`
+    (L, K + 1) by how much each look raised the logarithms of the probabilities, up to a constant. `calm` is the
+    probability that looks are as clean as the models' views; `settled` says that a pose was known; `slips` counts how
+    often it was lost since.
     """
 
     posterior: Posterior
@@ -65,6 +71,7 @@ class FilterState:
     looks: Array
     views: FloatArray
     shares: FloatArray
+    gains: Array
     calm: float = 0.5
     settled: bool = False
     slips: int = 0
@@ -87,9 +94,10 @@ class FilterInterpreter:
     def start(self) -> FilterState:
         """Every candidate and rotation as likely as any other."""
         count, none = len(self.predictions.names), self.options.unknown_prior
-        prior = np.full(count, (1.0 - none) / count)
+        prior = np.append(np.full(count, (1.0 - none) / count), none)
         empty = np.empty((0, self.predictions.dimensions), np.float32)
-        return FilterState(self._opened(prior, none), prior, empty, np.empty((0, 3)), np.empty(0))
+        gains = np.empty((0, count + 1), np.float32)
+        return FilterState(self._opened(prior), prior, empty, np.empty((0, 3)), np.empty(0), gains)
 
     def update(self, state: FilterState, percept: Percept) -> tuple[FilterState, Interpretation]:
         """Multiply with the likelihood of the percept, as far as it is evidence of its own."""
@@ -100,14 +108,15 @@ class FilterInterpreter:
         share = min(turned, float(independent_share(view[None], state.views, self._independent_rad)[0]))
         spacing = spacing_rad_of(self.options.rotations)
         noise = turned * min(1.0, (np.radians(self.options.motion_noise_deg) / spacing) ** 2)
+        before = state.posterior.diffused(noise, self.options.rotations)
+        seen = self._seen(before, look, view, share, state.calm)
         after = replace(
             state,
-            posterior=self._seen(
-                state.posterior.diffused(noise, self.options.rotations), look, view, share, state.calm
-            ),
+            posterior=seen.normalised(self.options.floor),
             looks=np.concatenate([state.looks, look[None]]),
             views=np.concatenate([state.views, view[None]]),
             shares=np.append(state.shares, share),
+            gains=np.concatenate([state.gains, (seen.log_shares() - before.log_shares())[None]]),
             count=state.count + 1,
         )
         slipped = state.settled and self._lost(after.posterior) and state.slips < self.options.slips
@@ -132,12 +141,12 @@ class FilterInterpreter:
         owner = np.repeat(active, SHOWN)
         return HypothesisViews(stamp_ns, self.predictions.names, owner, seen, weight / max(weight.sum(), 1e-300))
 
-    def _opened(self, prior: FloatArray, none: float) -> Posterior:
-        """Candidates with probabilities (K,), every rotation as likely as any other."""
+    def _opened(self, prior: FloatArray) -> Posterior:
+        """Candidates and none of them with probabilities (K + 1,), every rotation as likely as any other."""
         grid = self.options.rotations
         with np.errstate(divide="ignore"):
-            log_prior, log_none = np.log(prior), float(np.log(none))
-        active = np.sort(np.argsort(-prior, kind="stable")[: self.options.followed])
+            log_prior, log_none = np.log(prior[:-1]), float(np.log(prior[-1]))
+        active = np.sort(np.argsort(-log_prior, kind="stable")[: self.options.followed])
         log_p = np.repeat((log_prior[active] - np.log(grid)).astype(np.float32)[:, None], grid, axis=1)
         parked = log_prior.copy()
         parked[active] = -np.inf
@@ -149,7 +158,7 @@ class FilterInterpreter:
         if len(posterior.active) < len(best):
             best = share * self.predictions.best_log_likelihood(look, calm).astype(np.float64)
         none = share * self.predictions.log_of_others(look)
-        return posterior.times(likelihood, self.grid.cells(view), best, none).normalised(self.options.floor)
+        return posterior.times(likelihood, self.grid.cells(view), best, none)
 
     def _lost(self, posterior: Posterior) -> bool:
         """Whether the looks have stopped to fit any candidate."""
@@ -158,18 +167,19 @@ class FilterInterpreter:
     def _searched_anew(self, before: FilterState, after: FilterState) -> FilterState:
         """The object has slipped: who it is stays likely, how it is held is open; only the last look counts."""
         known = before.posterior.probabilities()
-        prior = 0.5 * known / known.sum() + 0.5 / len(known)
         none = self.options.unknown_prior
-        prior *= 1.0 - none
+        prior = np.append((1.0 - none) * (0.5 * known / known.sum() + 0.5 / len(known)), none)
         look, view = after.looks[-1], after.views[-1]
-        posterior = self._seen(self._opened(prior, none), look, view, 1.0, after.calm)
+        opened = self._opened(prior)
+        seen = self._seen(opened, look, view, 1.0, after.calm)
         return replace(
             after,
-            posterior=posterior,
+            posterior=seen.normalised(self.options.floor),
             prior=prior,
             looks=look[None],
             views=view[None],
             shares=np.ones(1),
+            gains=(seen.log_shares() - opened.log_shares())[None],
             slips=before.slips + 1,
         )
 
@@ -225,7 +235,7 @@ class FilterInterpreter:
             rotations[k], variance[k] = self.grid.pose(posterior.log_p[place[k]])
         limit = np.radians(self.options.pose_within_deg) ** 2
         none = float(np.exp(posterior.none))
-        leader = int(order[0]) if probability[order[0]] >= self.options.confidence else -1
+        leader = int(order[0]) if self._sure(state, int(order[0]), probability, none) else -1
         plausible = probability > 0.01 * probability.max()
         plausible[order[:2]] = True
         fit = self.predictions.fit(state.looks[-1])
@@ -266,18 +276,36 @@ class FilterInterpreter:
             samples=self._samples(state, [k for k in posed if plausible[k]][:SAMPLED], probability),
         )
 
+    def _sure(self, state: FilterState, who: int, probability: FloatArray, none: float) -> bool:
+        """Whether `who` (K: none of them) is as good as certain, and no single place decides that.
+
+        A model errs in the same way wherever one looks from about the same place.
+        """
+        everybody = np.append(probability, none)
+        if everybody[who] < self.options.confidence:
+            return False
+        elsewhere = state.views @ state.views.T <= np.cos(PLACE_RAD)
+        gained = elsewhere.astype(np.float32) @ (state.gains[:, [who]] - state.gains)
+        with np.errstate(divide="ignore"):
+            without = np.log(state.prior[who]) - np.log(state.prior) + gained
+        left = 1.0 / np.exp(-without).sum(axis=1)
+        return bool(left.min() >= self.options.corroborated)
+
     def _concluded(self, state: FilterState, leader: int, probability: FloatArray, none: float) -> Conclusion | None:
         after = f"after {state.count} looks"
         if state.slips:
             after += f", {state.slips} of its poses lost on the way" if state.slips > 1 else ", its pose lost once"
         if leader >= 0:
             return Conclusion(Outcome.IDENTIFIED, f"its probability is {probability[leader]:.4f} {after}")
-        if none >= self.options.confidence:
+        if self._sure(state, len(probability), probability, none):
             return Conclusion(Outcome.UNKNOWN, f"the probability of that is {none:.4f} {after}")
         return None
 
     def _samples(self, state: FilterState, chosen: Sequence[int], probability: FloatArray) -> PoseSamples:
-        """Rotations of the chosen candidates as likely as they are, each candidate with its probability as weight."""
+        """Rotations of the chosen candidates as likely as they are, each candidate with its probability as weight.
+
+        Nobody's weight is so small that looks which would still tell against the leader promise nothing.
+        """
         owner, rotation, weight = [], [], []
         each = max(FEWEST_SAMPLES, SAMPLES // max(1, len(chosen)))
         for k in chosen:
@@ -285,7 +313,7 @@ class FilterInterpreter:
             drawn = np.searchsorted(np.cumsum(p) / p.sum(), (np.arange(each) + 0.5) / each)
             owner.append(np.full(each, k))
             rotation.append(self.grid.rotations[np.minimum(drawn, len(p) - 1)])
-            weight.append(np.full(each, probability[k] / each))
+            weight.append(np.full(each, max(probability[k], DOUBT) / each))
         if not owner:
             return PoseSamples()
         return PoseSamples(

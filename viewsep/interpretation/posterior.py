@@ -44,6 +44,12 @@ class Posterior:
         probability[self.active] = self.mass
         return probability
 
+    def log_shares(self) -> Array:
+        """(K + 1,) float32 logarithms of all candidates' probabilities, and that of none of them."""
+        log = np.append(self.parked, self.none)
+        log[self.active] = np.log(np.maximum(self.mass, 1e-300))
+        return log.astype(np.float32)
+
     def normalised(self, floor: float) -> Posterior:
         """The same with a sum of 1; a rotation's logarithm falls no further than `floor` below the best one's."""
         top = max(float(self.log_p.max()), self.none)
