@@ -50,10 +50,12 @@ def baseline_row(task: SeparationTask, name: str, looks: int, config: Config, se
         "method": name,
         "truth": task.truth,
         "known": task.known,
+        "identical": task.identical,
         "candidates": names,
+        "unknown_probability": None,
         "outcome": outcome,
         "object": named,
-        "verdict": verdict(outcome, named, task.truth, task.known),
+        "verdict": verdict(outcome, named, task.truth, task.known, task.identical),
         "looks": len(views),
         "travel_deg": float(np.degrees(angle_between(views[1:], views[:-1]).sum())),
     }

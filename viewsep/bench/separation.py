@@ -37,7 +37,9 @@ def separation_row(task: SeparationTask, method: Method, setup: Setup) -> Row:
         "method": method.name,
         "truth": task.truth,
         "known": task.known,
+        "identical": task.identical,
         "candidates": [model.name for model in models],
+        "unknown_probability": None,
     }
     try:
         with Session(held.rig, engine, perception, pace_of(held.config), [observer]) as session:
@@ -50,6 +52,7 @@ def separation_row(task: SeparationTask, method: Method, setup: Setup) -> Row:
         | _answer(task, result, rotation)
         | _travel(task, held, setup, rotation, observer.start, result)
         | {
+            "unknown_probability": observer.estimates[-1].unknown if observer.estimates else None,
             "comparisons_per_look": result.comparisons / max(1, result.looks) / len(models),
             "comparisons_converged": observer.comparisons_converged(),
             "step_ms": 1e3 * float(np.median(engine.wall_s)) if engine.wall_s else None,
@@ -65,8 +68,9 @@ def _answer(task: SeparationTask, result: Result, rotation: FloatArray) -> dict[
     return {
         "outcome": result.outcome.value,
         "object": result.object,
+        "indistinct": list(result.indistinct),
         "reason": result.reason,
-        "verdict": verdict(result.outcome.value, result.object, task.truth, task.known),
+        "verdict": verdict(result.outcome.value, result.object, task.truth, task.known, task.identical),
         "looks": result.looks,
         "pose_error_deg": float(np.degrees(rotation_angle(result.rotation, rotation))) if scored else None,
     }

@@ -45,6 +45,7 @@ def tell_separation(report: Report) -> None:
         "features in one look and per candidate, once converged",
         style="dim",
     )
+    _tell_unknown(summaries)
     for test in report.comparisons():
         results.print(
             f"{test['first']} right where {test['second']} is not: {test['only_first_right']}, the reverse: "
@@ -57,6 +58,17 @@ def tell_separation(report: Report) -> None:
         results.print(f"seed {row['seed']}: {row['truth']} -> {said}", highlight=False, soft_wrap=True)
     if len(failures) > SHOWN_FAILURES:
         results.print(f"and {len(failures) - SHOWN_FAILURES} more")
+
+
+def _tell_unknown(summaries: dict[str, dict[str, Any]]) -> None:
+    """How well the probability of none of the candidates tells the objects that are none, where there is one."""
+    ranked = {method: s for method, s in summaries.items() if s["unknown_auc"] is not None}
+    if not ranked:
+        return
+    table = Table(Column("method", no_wrap=True), "AUC of unknown", "95 %")
+    for method, s in ranked.items():
+        table.add_row(method, _number(s["unknown_auc"], 3), _bounds(s["unknown_auc_bootstrap95"]))
+    results.print(table)
 
 
 def tell_pose(report: Report) -> None:
@@ -86,6 +98,10 @@ def tell_pose(report: Report) -> None:
 
 def _interval(interval: list[float]) -> str:
     return f"{interval[0]:.1%}-{interval[1]:.1%}".replace("%-", "-")
+
+
+def _bounds(interval: list[float] | None, digits: int = 3) -> str:
+    return "-" if interval is None else "-".join(f"{bound:.{digits}f}" for bound in interval)
 
 
 def _number(value: Any, digits: int = 1) -> str:
