@@ -77,6 +77,7 @@ def test_a_separation_reports_tasks_and_figures(separated: dict[str, Any]) -> No
         assert len(row["candidates"]) == 2
         assert row["travel_over_optimum"] == max(row["travel_deg"], 4.0) / max(row["optimum_deg"], 4.0)
         assert (row["verdict"] == "right") == (row["object"] == row["truth"])
+        assert row["pose_error_symmetric_deg"] == pytest.approx(row["pose_error_deg"])  # printed boxes have no symmetry
     assert [test["second"] for test in separated["comparisons"]] == ["path w1", "path w0+w1"]
     assert separated["about"]["config"]["sim"]["light"] == 0.1
 
@@ -119,6 +120,7 @@ def test_poses_are_measured_for_every_variant_and_alignment(folder: Path, tmp_pa
             failed = row["outcome"] == "failed"
             assert failed == (row["verdict"] == "failed") == (row["looks"] == 40 and row["travel_deg"] == 195.0)
             assert math.isfinite(row["pose_error_deg"])
+            assert row["pose_error_symmetric_deg"] == pytest.approx(row["pose_error_deg"])
     assert {path.name for path in (tmp_path / "pictures").iterdir()} == {
         *("convergence.png", "pose_error.png", "comparisons.png")
     }

@@ -18,9 +18,11 @@ from viewsep.bench.report import Report
 from viewsep.bench.runner import Call, Workers, run_calls
 from viewsep.bench.separation import separation_row
 from viewsep.bench.setup import Setup
+from viewsep.bench.symmetry import symmetries
 from viewsep.bench.tasks import SeparationTask
 from viewsep.config import Config
 from viewsep.planning.exploration import Exploration
+from viewsep.sim.source import object_name
 
 Progress = Callable[[str, int], Callable[[Row], None]]
 """Called with what begins and how many rows it will have; what it returns hears of every row."""
@@ -100,6 +102,18 @@ def run_pose(
     done = run_calls(calls, running.workers, journal, running.progress("pose runs", len(calls)))
     rows = [row["rows"][k] for k in range(len(methods)) for row in done]
     return _reported(Report("pose", about, rows), journal, running)
+
+
+def list_symmetries(sources: Sequence[str], setup: Setup, running: Running) -> list[Row]:
+    """A row for each object: the turns that change nothing, how many poses look alike. Raises BadInput, Interrupted."""
+    calls = [Call(source, _symmetries_row, (source, setup)) for source in sources]
+    return run_calls(calls, running.workers, None, running.progress("objects", len(calls)))
+
+
+def _symmetries_row(source: str, setup: Setup) -> Row:
+    found = symmetries(source, setup)
+    turns = [{"axis": [round(float(x), 4) + 0.0 for x in turn.axis], "degrees": turn.degrees} for turn in found.turns]
+    return {"name": object_name(source), "turns": turns, "alike": "any" if found.axes else str(len(found.rotations))}
 
 
 def _learn(sources: Sequence[str], config: Config, setup: Setup, running: Running) -> dict[str, str]:

@@ -14,6 +14,7 @@ from viewsep.bench.optimum import clairvoyant_travel
 from viewsep.bench.setup import Setup
 from viewsep.bench.stopwatch import TimedEngine
 from viewsep.bench.summary import verdict
+from viewsep.bench.symmetry import symmetries
 from viewsep.bench.tasks import SeparationTask
 from viewsep.errors import RigError
 from viewsep.geometry import rotation_angle
@@ -49,7 +50,8 @@ def separation_row(task: SeparationTask, method: Method, setup: Setup) -> Row:
     rotation = held.true_rotation(result.stamp_ns)
     return (
         row
-        | _answer(task, result, rotation)
+        | _answer(task, result)
+        | _pose_errors(task, result, rotation, setup)
         | _travel(task, held, setup, rotation, observer.start, result)
         | {
             "unknown_probability": observer.estimates[-1].unknown if observer.estimates else None,
@@ -62,9 +64,8 @@ def separation_row(task: SeparationTask, method: Method, setup: Setup) -> Row:
     )
 
 
-def _answer(task: SeparationTask, result: Result, rotation: FloatArray) -> dict[str, Any]:
+def _answer(task: SeparationTask, result: Result) -> dict[str, Any]:
     """What was said, and whether it is so."""
-    scored = task.known and result.looks > 0
     return {
         "outcome": result.outcome.value,
         "object": result.object,
@@ -72,7 +73,16 @@ def _answer(task: SeparationTask, result: Result, rotation: FloatArray) -> dict[
         "reason": result.reason,
         "verdict": verdict(result.outcome.value, result.object, task.truth, task.known, task.identical),
         "looks": result.looks,
-        "pose_error_deg": float(np.degrees(rotation_angle(result.rotation, rotation))) if scored else None,
+    }
+
+
+def _pose_errors(task: SeparationTask, result: Result, rotation: FloatArray, setup: Setup) -> dict[str, float | None]:
+    """How far the pose is off the true one, and off the closest that looks the same; None where there is none."""
+    if not task.known or result.looks == 0:
+        return {"pose_error_deg": None, "pose_error_symmetric_deg": None}
+    return {
+        "pose_error_deg": float(np.degrees(rotation_angle(result.rotation, rotation))),
+        "pose_error_symmetric_deg": float(np.degrees(symmetries(task.source, setup).error(result.rotation, rotation))),
     }
 
 

@@ -35,14 +35,15 @@ def verdict(outcome: str, named: str, truth: str, known: bool, identical: bool =
 def summarise(rows: Sequence[Row]) -> dict[str, Any]:
     """The figures of one method over all its rows; every row counts, failures too.
 
-    Angles are in degrees. `pose_error_*` are over the rows whose pose can be scored, `comparisons_*` counts of feature
+    Angles are in degrees. `pose_error_*` are over the rows whose pose can be scored, `pose_error_symmetric_*` from the
+    closest pose in which the object looks as it does, `comparisons_*` counts of feature
     comparisons in one iteration and per candidate, `step_*` milliseconds of one engine step. `unknown_auc` says how
     well the final `unknown_probability` tells objects that are no candidate from those that are (1: always, 0.5: by
     chance). A figure that no row has is None.
     """
     n = len(rows)
     counts = {verdict: sum(row["verdict"] == verdict for row in rows) for verdict in OUTCOMES}
-    errors = _values(rows, "pose_error_deg")
+    errors, symmetric = _values(rows, "pose_error_deg"), _values(rows, "pose_error_symmetric_deg")
     probabilities = unknown_probabilities(rows)
     return {
         "n": n,
@@ -61,6 +62,9 @@ def summarise(rows: Sequence[Row]) -> dict[str, Any]:
         "pose_error_deg_median": _of(np.median, errors),
         "pose_error_deg_p95": _percentile95(errors),
         "pose_error_under_22.6_share": _of(np.mean, [float(error < NODE_SPACING_DEG) for error in errors]),
+        "pose_error_symmetric_deg_mean": _of(np.mean, symmetric),
+        "pose_error_symmetric_deg_median": _of(np.median, symmetric),
+        "pose_error_symmetric_deg_p95": _percentile95(symmetric),
         "comparisons_median": _of(np.median, _values(rows, "comparisons_per_look")),
         "comparisons_converged_median": _of(np.median, _values(rows, "comparisons_converged")),
         "step_ms_median": _of(np.median, _values(rows, "step_ms")),

@@ -13,6 +13,7 @@ from viewsep.cli.bench_recording import recording
 from viewsep.cli.bench_separation import separation
 from viewsep.cli.bench_service import service
 from viewsep.cli.bench_servos import servos
+from viewsep.cli.bench_symmetries import symmetries
 from viewsep.cli.console import MAX_SEED, print_json, results
 
 app = typer.Typer(help="Measure the method: how often it is right, what it costs.", no_args_is_help=True)
@@ -21,6 +22,7 @@ app.command("separation")(separation)
 app.command("pose")(pose)
 app.command("service")(service)
 app.command("servos")(servos)
+app.command("symmetries")(symmetries)
 
 
 @app.command()

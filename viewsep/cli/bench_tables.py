@@ -18,7 +18,9 @@ def tell_separation(report: Report) -> None:
     summaries = report.summaries()
     rare = [o for o in OUTCOMES if o not in ("right", "wrong") and any(s[o] for s in summaries.values())]
     answers = Table(Column("method", no_wrap=True), "right", "95 %", "wrong", "95 %", *rare)
-    costs = Table(Column("method", no_wrap=True), "looks", "travel", "p95", "x best", "pose", "compared", "step ms")
+    costs = Table(
+        Column("method", no_wrap=True), "looks", "travel", "p95", "x best", "pose", "sym.", "compared", "step ms"
+    )
     for method, s in summaries.items():
         answers.add_row(
             method,
@@ -35,14 +37,15 @@ def tell_separation(report: Report) -> None:
             _number(s["travel_deg_p95"], 0),
             _number(s["travel_over_optimum_median"]),
             _number(s["pose_error_deg_mean"]),
+            _number(s["pose_error_symmetric_deg_mean"]),
             _number(s["comparisons_converged_median"]),
             _number(s["step_ms_median"], 2),
         )
     results.print(answers)
     results.print(costs)
     results.print(
-        "medians; travel in degrees, x best: over the shortest way there was; pose: mean error in degrees; compared: "
-        "features in one look and per candidate, once converged",
+        "medians; travel in degrees, x best: over the shortest way there was; pose: mean error in degrees, sym.: from "
+        "the closest pose that looks the same; compared: features in one look and per candidate, once converged",
         style="dim",
     )
     _tell_unknown(summaries)
@@ -73,15 +76,15 @@ def _tell_unknown(summaries: dict[str, dict[str, Any]]) -> None:
 
 def tell_pose(report: Report) -> None:
     """One row a method: failures, iterations, errors over all runs, comparisons."""
-    table = Table(
-        Column("method", no_wrap=True), "failed", "looks", "mean", "median", "p95", "<22.6", "compared", "step ms"
-    )
+    headings = ("failed", "looks", "mean", "sym.", "median", "p95", "<22.6", "compared", "step ms")
+    table = Table(Column("method", no_wrap=True), *headings)
     for method, s in report.summaries().items():
         table.add_row(
             method,
             f"{s['failed']}/{s['n']}",
             _number(s["looks_median"], 0),
             _number(s["pose_error_deg_mean"]),
+            _number(s["pose_error_symmetric_deg_mean"]),
             _number(s["pose_error_deg_median"]),
             _number(s["pose_error_deg_p95"]),
             f"{s['pose_error_under_22.6_share']:.0%}",
@@ -90,8 +93,8 @@ def tell_pose(report: Report) -> None:
         )
     results.print(table)
     results.print(
-        "errors in degrees over all runs, failed ones at their last estimate; compared: features in one look, once "
-        "converged",
+        "errors in degrees over all runs, failed ones at their last estimate; sym.: mean, from the closest pose that "
+        "looks the same; compared: features in one look, once converged",
         style="dim",
     )
 
