@@ -8,6 +8,7 @@ import typer
 from rich.table import Table
 
 from viewsep.bench.speed import measure_speed
+from viewsep.cli.bench_calibration import calibration
 from viewsep.cli.bench_pose import pose
 from viewsep.cli.bench_recording import recording
 from viewsep.cli.bench_separation import separation
@@ -19,6 +20,7 @@ from viewsep.cli.console import MAX_SEED, print_json, results
 app = typer.Typer(help="Measure the method: how often it is right, what it costs.", no_args_is_help=True)
 app.command("recording")(recording)
 app.command("separation")(separation)
+app.command("calibration")(calibration)
 app.command("pose")(pose)
 app.command("service")(service)
 app.command("servos")(servos)

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 from rich.table import Column, Table
 
+from viewsep.bench.calibration import CONFIDENCE
 from viewsep.bench.report import Report
 from viewsep.bench.summary import OUTCOMES
 from viewsep.cli.console import results
@@ -72,6 +74,60 @@ def _tell_unknown(summaries: dict[str, dict[str, Any]]) -> None:
     for method, s in ranked.items():
         table.add_row(method, _number(s["unknown_auc"], 3), _bounds(s["unknown_auc_bootstrap95"]))
     results.print(table)
+
+
+def tell_calibration(report: Report) -> None:
+    """A column per method: how well probabilities are calibrated, and what they decide."""
+    summaries = report.summaries()
+    table = Table("figure", *(Column(method, justify="right") for method in summaries))
+    for says, told in _CALIBRATION:
+        cells = [told(s) for s in summaries.values()]
+        if any(cell != "-" for cell in cells):
+            table.add_row(says, *cells)
+    results.print(table)
+    results.print(
+        "in brackets 95 % intervals, bootstrap over the tasks (shares: Wilson); ECE: expected calibration error in ten "
+        f"bins; decision: the first look at which a probability is {CONFIDENCE:g}",
+        style="dim",
+    )
+
+
+def _score(key: str, digits: int = 4) -> Callable[[dict[str, Any]], str]:
+    """A figure with its bootstrap interval."""
+
+    def told(s: dict[str, Any]) -> str:
+        return f"{_number(s[key], digits)} ({_bounds(s[f'{key}_bootstrap95'], digits)})" if s[key] is not None else "-"
+
+    return told
+
+
+def _share(key: str, of: str, interval: str) -> Callable[[dict[str, Any]], str]:
+    """A count of others with the interval of its share."""
+
+    def told(s: dict[str, Any]) -> str:
+        return f"{s[key]}/{s[of]} ({_interval(s[interval])})" if s[of] else "-"
+
+    return told
+
+
+_CALIBRATION: tuple[tuple[str, Callable[[dict[str, Any]], str]], ...] = (
+    ("tasks, looks", lambda s: f"{s['n']}, {s['looks']}"),
+    ("failed", lambda s: str(s["failed"]) if s["failed"] else "-"),
+    ("ECE of the leader", _score("ece")),
+    ("ECE of every candidate and none", _score("ece_every")),
+    ("Brier score", _score("brier")),
+    ("log loss", _score("log_loss")),
+    ("named right at the decision", _share("decision_right", "decision_named", "decision_right_wilson95")),
+    ("mean probability there", lambda s: _number(s["decision_probability_mean"], 4)),
+    ("looks until there (median)", lambda s: _number(s["decision_looks_median"], 0)),
+    ("tasks decided", lambda s: f"{s['decided']}/{s['n']}"),
+    ("AUC of unknown", _score("unknown_auc", 3)),
+    ("unknown objects named", _share("unknown_named", "unknown_named_of", "unknown_named_wilson95")),
+    (
+        "known objects called unknown",
+        _share("known_called_unknown", "known_called_unknown_of", "known_called_unknown_wilson95"),
+    ),
+)
 
 
 def tell_pose(report: Report) -> None:
