@@ -23,6 +23,7 @@ from viewsep.errors import BadInput
 from viewsep.geometry import angle_between, rotation_showing
 from viewsep.learning import CAMERA_DIRECTION
 from viewsep.messages import Array, FloatArray
+from viewsep.planning.sweep import sweep
 from viewsep.plugins import make_descriptor
 from viewsep.rigs import SimulatedRig
 from viewsep.sim.disturbances import Disturbances, disturbed
@@ -67,24 +68,6 @@ def check_baselines(names: Sequence[str]) -> None:
         if name not in BASELINES:
             known = ", ".join([*BASELINES, RANDOM_MOTION])
             raise BadInput(f"--baselines {name!r} is none of {known}: name one or several of them")
-
-
-def sweep(reachable: FloatArray, start: FloatArray, looks: int) -> FloatArray:
-    """(N, 3) views spread evenly over the reachable ones (M, 3), each the closest to the one before; N <= M.
-
-    Spread by always adding the view farthest from those chosen, from the one closest to `start` (3,) on.
-    """
-    chosen = [int(np.argmin(angle_between(reachable, start)))]
-    gap = angle_between(reachable, reachable[chosen[0]])
-    for _ in range(min(looks, len(reachable)) - 1):
-        chosen.append(int(np.argmax(gap)))
-        gap = np.minimum(gap, angle_between(reachable, reachable[chosen[-1]]))
-    left, way = reachable[chosen[1:]], [reachable[chosen[0]]]
-    while len(left):
-        closest = int(np.argmin(angle_between(left, way[-1])))
-        way.append(left[closest])
-        left = np.delete(left, closest, axis=0)
-    return np.array(way)
 
 
 def _exposed(task: SeparationTask, held: SimulatedRig, views: FloatArray, setup: Setup) -> list[Picture]:

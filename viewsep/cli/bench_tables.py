@@ -20,9 +20,7 @@ def tell_separation(report: Report) -> None:
     summaries = report.summaries()
     rare = [o for o in OUTCOMES if o not in ("right", "wrong") and any(s[o] for s in summaries.values())]
     answers = Table(Column("method", no_wrap=True), "right", "95 %", "wrong", "95 %", *rare)
-    costs = Table(
-        Column("method", no_wrap=True), "looks", "travel", "p95", "x best", "pose", "sym.", "compared", "step ms"
-    )
+    costs = Table(Column("method", no_wrap=True), "looks", "travel", "p95", "x best", "pose", "compared", "step ms")
     for method, s in summaries.items():
         answers.add_row(
             method,
@@ -38,16 +36,16 @@ def tell_separation(report: Report) -> None:
             _number(s["travel_deg_median"], 0),
             _number(s["travel_deg_p95"], 0),
             _number(s["travel_over_optimum_median"]),
-            _number(s["pose_error_deg_mean"]),
-            _number(s["pose_error_symmetric_deg_mean"]),
+            _mean_pose_error(s),
             _number(s["comparisons_converged_median"]),
             _number(s["step_ms_median"], 2),
         )
     results.print(answers)
     results.print(costs)
     results.print(
-        "medians; travel in degrees, x best: over the shortest way there was; pose: mean error in degrees, sym.: from "
-        "the closest pose that looks the same; compared: features in one look and per candidate, once converged",
+        "medians; travel in degrees, x best: over the shortest way there was; pose: mean error in degrees, behind "
+        "a stroke from the closest pose that looks the same; compared: features in one look and per candidate, once "
+        "converged",
         style="dim",
     )
     _tell_unknown(summaries)
@@ -132,15 +130,14 @@ _CALIBRATION: tuple[tuple[str, Callable[[dict[str, Any]], str]], ...] = (
 
 def tell_pose(report: Report) -> None:
     """One row a method: failures, iterations, errors over all runs, comparisons."""
-    headings = ("failed", "looks", "mean", "sym.", "median", "p95", "<22.6", "compared", "step ms")
+    headings = ("failed", "looks", "mean", "median", "p95", "<22.6", "compared", "step ms")
     table = Table(Column("method", no_wrap=True), *headings)
     for method, s in report.summaries().items():
         table.add_row(
             method,
             f"{s['failed']}/{s['n']}",
             _number(s["looks_median"], 0),
-            _number(s["pose_error_deg_mean"]),
-            _number(s["pose_error_symmetric_deg_mean"]),
+            _mean_pose_error(s),
             _number(s["pose_error_deg_median"]),
             _number(s["pose_error_deg_p95"]),
             f"{s['pose_error_under_22.6_share']:.0%}",
@@ -149,10 +146,16 @@ def tell_pose(report: Report) -> None:
         )
     results.print(table)
     results.print(
-        "errors in degrees over all runs, failed ones at their last estimate; sym.: mean, from the closest pose that "
-        "looks the same; compared: features in one look, once converged",
+        "errors in degrees over all runs, failed ones at their last estimate, behind a stroke from the closest pose "
+        "that looks the same; compared: features in one look, once converged",
         style="dim",
     )
+
+
+def _mean_pose_error(s: dict[str, Any]) -> str:
+    """The mean, and where objects have symmetries the one from the closest pose that looks the same."""
+    error, symmetric = (_number(s[f"pose_error_{kind}_mean"]) for kind in ("deg", "symmetric_deg"))
+    return error if error == symmetric else f"{error} / {symmetric}"
 
 
 def _interval(interval: list[float]) -> str:
