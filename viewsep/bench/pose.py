@@ -19,16 +19,16 @@ from viewsep.bench.methods import PATH, Method
 from viewsep.bench.setup import Setup
 from viewsep.bench.summary import NODE_SPACING_DEG
 from viewsep.bench.symmetry import Symmetries, symmetries
+from viewsep.bench.turned import TurnedObject
 from viewsep.config import Config, InterpreterConfig, geometry_of
 from viewsep.errors import BadInput
-from viewsep.geometry import random_rotation, rotation_angle, rotation_showing
+from viewsep.geometry import random_rotation, rotation_angle
 from viewsep.interpretation.interpreter import Alignment, Variant
 from viewsep.messages import Estimate, FloatArray, Percept
 from viewsep.models.aspect_graph import AspectGraph
 from viewsep.planning.exploration import EXPLORATIONS, Exploration
 from viewsep.planning.reachable import ReachableViews
 from viewsep.plugins import make_descriptor, make_interpreter
-from viewsep.sim.disturbances import Disturbances, disturbed
 from viewsep.sim.render import Pictures
 from viewsep.sim.view_set import is_view_set
 
@@ -79,11 +79,7 @@ class _Walk:
         self._reachable = ReachableViews.of(geometry_of(config.rig))
         self._view = self._reachable.directions[rng.integers(len(self._reachable.directions))]
         self._exploration = EXPLORATIONS[exploration].start(rng, self._view, STEP_RAD)
-        self._descriptor = make_descriptor(config.descriptor)
-        self._disturbances = Disturbances(**config.sim.model_dump())
-        self._camera_direction = geometry_of(config.rig).camera_direction
-        self._pictures = pictures
-        self._seed = run.seed
+        self._turned = TurnedObject(pictures, self.rotation, config, run.seed)
         self._percepts: list[Percept] = []
 
     def percept(self, index: int) -> Percept:
@@ -91,14 +87,8 @@ class _Walk:
         while len(self._percepts) <= index:
             if self._percepts:
                 self._exploration, self._view = self._exploration.next_view(self._view, self._reachable)
-            self._percepts.append(self._look(len(self._percepts), self._view))
+            self._percepts.append(self._turned.percept(len(self._percepts), self._view))
         return self._percepts[index]
-
-    def _look(self, index: int, view: FloatArray) -> Percept:
-        shown = rotation_showing(view @ self.rotation, self._camera_direction)
-        image, mask = self._pictures.render(self._camera_direction, shown)
-        image, mask = disturbed(image, mask, self._disturbances, np.random.default_rng([self._seed, 4, index]))
-        return Percept(index, index, self._descriptor.name, self._descriptor.describe(image, mask), view)
 
 
 def _row(run: PoseRun, method: Method, model: AspectGraph, walk: _Walk, alike: Symmetries) -> Row:

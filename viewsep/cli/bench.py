@@ -11,6 +11,7 @@ from viewsep.bench.speed import measure_speed
 from viewsep.cli.bench_calibration import calibration
 from viewsep.cli.bench_pose import pose
 from viewsep.cli.bench_recording import recording
+from viewsep.cli.bench_scale import scale
 from viewsep.cli.bench_separation import separation
 from viewsep.cli.bench_service import service
 from viewsep.cli.bench_servos import servos
@@ -22,6 +23,7 @@ app.command("recording")(recording)
 app.command("separation")(separation)
 app.command("calibration")(calibration)
 app.command("pose")(pose)
+app.command("scale")(scale)
 app.command("service")(service)
 app.command("servos")(servos)
 app.command("symmetries")(symmetries)
