@@ -77,6 +77,7 @@ def test_a_separation_reports_tasks_and_figures(separated: dict[str, Any]) -> No
         assert len(row["candidates"]) == 2
         assert row["travel_over_optimum"] == max(row["travel_deg"], 4.0) / max(row["optimum_deg"], 4.0)
         assert (row["verdict"] == "right") == (row["object"] == row["truth"])
+        assert row["pose_error_symmetric_deg"] == pytest.approx(row["pose_error_deg"])  # printed boxes have no symmetry
     assert [test["second"] for test in separated["comparisons"]] == ["path w1", "path w0+w1"]
     assert separated["about"]["config"]["sim"]["light"] == 0.1
 
@@ -119,6 +120,7 @@ def test_poses_are_measured_for_every_variant_and_alignment(folder: Path, tmp_pa
             failed = row["outcome"] == "failed"
             assert failed == (row["verdict"] == "failed") == (row["looks"] == 40 and row["travel_deg"] == 195.0)
             assert math.isfinite(row["pose_error_deg"])
+            assert row["pose_error_symmetric_deg"] == pytest.approx(row["pose_error_deg"])
     assert {path.name for path in (tmp_path / "pictures").iterdir()} == {
         *("convergence.png", "pose_error.png", "comparisons.png")
     }
@@ -151,3 +153,39 @@ def test_an_object_that_is_no_candidate_cannot_be_right(folder: Path, tmp_path: 
         assert row["truth"] not in row["candidates"]
         assert row["pose_error_deg"] is None
     assert report["summary"]["right"] == 0
+
+
+def test_posteriors_say_how_likely_none_of_the_candidates_is(folder: Path, tmp_path: Path, shell: Shell) -> None:
+    result = tmp_path / "posterior.json"
+    typed = ("bench", "separation", *common(folder), "--runs", "3", "--unknown-fraction", "0.4", "--jobs", "1")
+    more = ("--interpreter", "filter", "--pose-tolerance", "20", "--descriptor", "opponent", "--json", result)
+    ended = shell(*typed, *more)
+    assert ended.code in (0, None), ended.err
+    assert "AUC of unknown" in ended.out
+    report = json.loads(result.read_text())
+    assert {row["known"] for row in report["tasks"]} == {True, False}
+    assert all(0.0 <= row["unknown_probability"] <= 1.0 for row in report["tasks"])
+    low, high = report["summary"]["unknown_auc_bootstrap95"]
+    assert low <= report["summary"]["unknown_auc"] <= high
+    assert report["about"]["config"]["task"]["pose_tolerance_deg"] == 20.0
+    assert report["about"]["config"]["descriptor"]["name"] == "opponent"
+
+
+def test_identical_twins_are_scored_by_themselves(folder: Path, tmp_path: Path, shell: Shell) -> None:
+    result = tmp_path / "copies.json"
+    typed = ("bench", "separation", *common(folder), "--runs", "2", "--twins", "none", "--jobs", "1")
+    assert shell(*typed, "--interpreter", "filter", "--json", result).code in (0, None)
+    for row in json.loads(result.read_text())["tasks"]:
+        assert row["identical"]
+        assert (row["verdict"] == "right") == (row["outcome"] == "indistinguishable")
+        assert row["unknown_probability"] is not None
+    refused = shell("bench", "separation", *common(folder), "--twins", "none", "--unknown-fraction", "1")
+    assert refused.code == 2
+    assert "leave one of the two out" in refused.err
+
+
+def test_descriptor_and_tolerance_must_make_sense(folder: Path, shell: Shell) -> None:
+    for option, value, says in (("--descriptor", "nope", "cch, opponent"), ("--pose-tolerance", "200", "180")):
+        ended = shell("bench", "separation", *common(folder), option, value)
+        assert ended.code == 2
+        assert says in ended.err

@@ -7,13 +7,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from viewsep.bench.baselines import matches, sweep
+from viewsep.bench.baselines import matches
 from viewsep.bench.optimum import clairvoyant_travel, telling_nodes
 from viewsep.descriptors.cch import ColourCooccurrence
 from viewsep.geometry import angle_between, delaunay_edges, equidistant_sphere, fibonacci_sphere, random_rotation
 from viewsep.messages import BoolArray, FloatArray
 from viewsep.models.aspect_graph import AspectGraph, Provenance
 from viewsep.planning.reachable import ReachableViews
+from viewsep.planning.sweep import sweep
 
 DIRECTIONS = equidistant_sphere(100)
 EVERYWHERE = ReachableViews(fibonacci_sphere(2000), lambda directions: np.ones(directions.shape[:-1], bool))

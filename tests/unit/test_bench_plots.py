@@ -141,7 +141,9 @@ def test_bars_are_the_shares_and_intervals_those_of_wilson() -> None:
     rows += [task_row(i, "a", "a", "sift") for i in range(4)]
     figure = outcomes(separation_report(rows))
     assert bars(figure, "right") == [(0.0, 0.5), (0.0, 1.0)]
-    assert bars(figure, "undecided")[0] == pytest.approx((0.5, 0.3))
+    assert bars(figure, "indistinguishable")[0] == pytest.approx((0.5, 0.1))
+    assert bars(figure, "unknown")[0] == pytest.approx((0.6, 0.1))
+    assert bars(figure, "undecided")[0] == pytest.approx((0.7, 0.1))
     assert bars(figure, "failed")[0] == pytest.approx((0.8, 0.1))
     assert bars(figure, "wrong")[0] == pytest.approx((0.9, 0.1))
     drawn = [found for found in figure.axes[0].collections if isinstance(found, LineCollection)]
@@ -150,7 +152,8 @@ def test_bars_are_the_shares_and_intervals_those_of_wilson() -> None:
     for span, expected in zip(spans, (wilson95(5, 10), (1 - high, 1 - low), wilson95(4, 4)), strict=False):
         np.testing.assert_allclose(span, expected, atol=1e-12)
     written = [text.get_text() for text in figure.axes[0].texts]
-    assert {"5", "24 - 76 %", "10", "51 - 100 %"} <= set(written)
+    assert {"5", "24 - 76 %", "10", "51 - 100 %", "unknown", "indistinguishable"} <= set(written)
+    assert "unknown" not in {text.get_text() for text in outcomes(separation_report(rows[:7])).axes[0].texts}
 
 
 def test_the_path_course_is_that_of_the_first_right_task_with_both_courses() -> None:

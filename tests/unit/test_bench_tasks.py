@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.integrate import trapezoid
+from scipy.stats import mannwhitneyu
 
 from viewsep.bench.journal import Row
 from viewsep.bench.methods import MEASURES, methods_for, random_motion
+from viewsep.bench.roc import auc, roc_curve
 from viewsep.bench.summary import OUTCOMES, mcnemar, summarise, verdict, wilson95
 from viewsep.bench.tasks import draw_tasks, generated_objects, generated_pairs, pairs_from, pool_of
 from viewsep.config import Config, InterpreterConfig
@@ -83,6 +88,55 @@ def test_the_verdict_compares_what_was_said_with_the_truth(
 ) -> None:
     assert verdict(outcome, named, "tea", known) == expected
     assert expected in OUTCOMES
+
+
+@pytest.mark.parametrize(
+    ("outcome", "named", "expected"),
+    [
+        ("indistinguishable", "", "right"),
+        ("identified", "tea", "wrong"),  # by luck
+        ("identified", "tea_copy", "wrong"),
+        ("unknown", "", "unknown"),
+        ("undecided", "", "undecided"),
+    ],
+)
+def test_of_identical_twins_it_is_right_to_name_neither(outcome: str, named: str, expected: str) -> None:
+    assert verdict(outcome, named, "tea", known=True, identical=True) == expected
+    assert verdict("indistinguishable", "", "tea", known=True) == "indistinguishable"
+
+
+def test_a_task_knows_whether_a_candidate_is_a_copy_of_the_truth() -> None:
+    copies = generated_pairs("none", 0, 3)
+    assert all(task.identical for task in draw_tasks(copies, pool_of(copies), 6, 0))
+    assert not any(task.identical for task in draw_tasks(PAIRS, POOL, 6, 0, 3))
+    with pytest.raises(BadInput, match="--twins none with --unknown-fraction"):
+        draw_tasks(copies, pool_of(copies), 6, 0, 2, 1.0)
+
+
+def told_unknown(known: Sequence[float | None], unknown: Sequence[float | None]) -> list[Row]:
+    return [
+        {"index": i, "verdict": "undecided", "known": kind, "unknown_probability": probability}
+        for i, (kind, probability) in enumerate([(True, p) for p in known] + [(False, p) for p in unknown])
+    ]
+
+
+def test_the_auc_is_the_share_of_pairs_in_the_right_order_with_ties_by_half() -> None:
+    found = summarise(told_unknown([0.1, 0.2, 0.5, None], [0.5, 0.9]))
+    assert found["unknown_auc"] == pytest.approx((3 * 2 - 0.5) / 6)
+    low, high = found["unknown_auc_bootstrap95"]
+    assert 0.5 < low < found["unknown_auc"] < high <= 1.0
+    for rows in (told_unknown([0.1], []), told_unknown([], [0.9]), told_unknown([0.1], [None])):
+        assert summarise(rows)["unknown_auc"] is None
+
+
+@given(st.lists(st.floats(0, 1), min_size=1, max_size=30), st.lists(st.floats(0, 1), min_size=1, max_size=30))
+def test_the_auc_is_the_area_under_the_curve_and_the_rank_statistic(without: list[float], having: list[float]) -> None:
+    area = auc(without, having)
+    assert area == pytest.approx(mannwhitneyu(having, without).statistic / len(without) / len(having))
+    false, true = roc_curve(without, having).T
+    assert area == pytest.approx(trapezoid(true, false))
+    assert (np.diff(false) >= 0).all()
+    assert (true[-1], false[-1]) == (1.0, 1.0)
 
 
 def rows(verdicts: str, **values: float) -> list[Row]:

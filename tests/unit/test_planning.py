@@ -26,6 +26,7 @@ from viewsep.planning.planner import PlannerState, SeparatingOptions, Separating
 from viewsep.planning.random_motion import RandomPlanner
 from viewsep.planning.reachable import ReachableViews
 from viewsep.planning.separating_view import similarity_graph
+from viewsep.planning.sweep import SweepPlanner, sweep
 
 STEP_RAD = float(np.radians(10.0))
 NODES = equidistant_sphere(100)
@@ -381,3 +382,37 @@ def test_random_motion_goes_all_over_and_is_judged_everywhere_once_the_poses_hav
     assert gaps(views[0], np.array(views[1:])).max() <= 2.5 * STEP_RAD
     unseen = angle_between(planner.reachable.directions[:, None], np.array(views)).min(axis=1)
     assert np.median(unseen) < 2.0 * STEP_RAD
+
+
+@pytest.mark.parametrize(("name", "looks"), [("turntable", 60), ("pan_tilt", 400), ("gimbal", 400)])
+def test_a_sweep_sees_everything_and_then_what_lies_between(name: str, looks: int) -> None:
+    planner = SweepPlanner([model("a")], views_of(name))
+    here = drawn(name, 1)[0]
+    state, first = planner.start(4, here)
+    assert first.view_direction is not None
+    start = planner_on(name, [model("a")], "random").start(4, here)[1].view_direction
+    np.testing.assert_array_equal(first.view_direction, start)
+    passed = [first.view_direction]
+    while state.sweeps < 2 or len(state.left) > 0:
+        if state.sweeps == 1 and len(state.left) + len(state.way) == 0:
+            gap = angle_between(planner.reachable.directions[:, None], np.array(passed)).min(axis=1)
+            assert np.degrees(gap).max() <= 20.0 + 1e-6
+        known = None if len(passed) < 20 else belief(upright(1), converged=len(passed) >= 40)
+        state, wanted = planner.next_view(state, passed[-1], known)
+        assert wanted.view_direction is not None
+        assert planner.reachable.reaches(wanted.view_direction)
+        assert wanted.arrives == (len(passed) >= 40)
+        passed.append(wanted.view_direction)
+    assert len(passed) <= 2 * looks
+    gap = angle_between(planner.reachable.directions[:, None], np.array(passed)).min(axis=1)
+    assert np.degrees(gap).max() <= 15.0
+    assert gaps(passed[0], np.array(passed[1:])).max() <= 2.5 * STEP_RAD
+
+
+def test_a_sweep_ends_where_nothing_is_far_from_it() -> None:
+    directions = views_of("gimbal").directions
+    for apart_deg in (15.0, 40.0):
+        views = sweep(directions, directions[7], apart_rad=np.radians(apart_deg))
+        assert angle_between(directions[:, None], views).min(axis=1).max() <= np.radians(apart_deg)
+        assert len(sweep(directions, directions[7], len(views) - 1)) == len(views) - 1
+    assert len(sweep(directions, directions[7], apart_rad=4.0)) == 2

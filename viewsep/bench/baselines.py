@@ -23,9 +23,10 @@ from viewsep.errors import BadInput
 from viewsep.geometry import angle_between, rotation_showing
 from viewsep.learning import CAMERA_DIRECTION
 from viewsep.messages import Array, FloatArray
+from viewsep.planning.sweep import sweep
 from viewsep.plugins import make_descriptor
 from viewsep.rigs import SimulatedRig
-from viewsep.sim.disturbances import Disturbances, disturbed
+from viewsep.sim.disturbances import Disturbances, constant_gains, disturbed
 
 RATIO = 0.75  # of the distances to the best and the second-best match in a stored picture
 Picture = tuple[Array, Array]
@@ -50,10 +51,12 @@ def baseline_row(task: SeparationTask, name: str, looks: int, config: Config, se
         "method": name,
         "truth": task.truth,
         "known": task.known,
+        "identical": task.identical,
         "candidates": names,
+        "unknown_probability": None,
         "outcome": outcome,
         "object": named,
-        "verdict": verdict(outcome, named, task.truth, task.known),
+        "verdict": verdict(outcome, named, task.truth, task.known, task.identical),
         "looks": len(views),
         "travel_deg": float(np.degrees(angle_between(views[1:], views[:-1]).sum())),
     }
@@ -67,24 +70,6 @@ def check_baselines(names: Sequence[str]) -> None:
             raise BadInput(f"--baselines {name!r} is none of {known}: name one or several of them")
 
 
-def sweep(reachable: FloatArray, start: FloatArray, looks: int) -> FloatArray:
-    """(N, 3) views spread evenly over the reachable ones (M, 3), each the closest to the one before; N <= M.
-
-    Spread by always adding the view farthest from those chosen, from the one closest to `start` (3,) on.
-    """
-    chosen = [int(np.argmin(angle_between(reachable, start)))]
-    gap = angle_between(reachable, reachable[chosen[0]])
-    for _ in range(min(looks, len(reachable)) - 1):
-        chosen.append(int(np.argmax(gap)))
-        gap = np.minimum(gap, angle_between(reachable, reachable[chosen[-1]]))
-    left, way = reachable[chosen[1:]], [reachable[chosen[0]]]
-    while len(left):
-        closest = int(np.argmin(angle_between(left, way[-1])))
-        way.append(left[closest])
-        left = np.delete(left, closest, axis=0)
-    return np.array(way)
-
-
 def _exposed(task: SeparationTask, held: SimulatedRig, views: FloatArray, setup: Setup) -> list[Picture]:
     """What the rig's camera would see from the views (N, 3), disturbances included."""
     disturbances = Disturbances(**held.config.sim.model_dump())
@@ -96,6 +81,7 @@ def _exposed(task: SeparationTask, held: SimulatedRig, views: FloatArray, setup:
                 *pictures.render(camera, rotation_showing(view, camera)),
                 disturbances,
                 np.random.default_rng([task.seed, 4, exposure]),
+                constant_gains(disturbances, task.seed),
             )
             for exposure, view in enumerate(shown)
         ]

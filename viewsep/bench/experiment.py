@@ -11,6 +11,7 @@ from typing import Any
 
 from viewsep import __version__
 from viewsep.bench.baselines import baseline_row
+from viewsep.bench.calibration import calibration_row, check_probabilities
 from viewsep.bench.journal import Journal, Row
 from viewsep.bench.methods import Method
 from viewsep.bench.pose import PoseRun, pose_rows
@@ -18,9 +19,11 @@ from viewsep.bench.report import Report
 from viewsep.bench.runner import Call, Workers, run_calls
 from viewsep.bench.separation import separation_row
 from viewsep.bench.setup import Setup
+from viewsep.bench.symmetry import symmetries
 from viewsep.bench.tasks import SeparationTask
 from viewsep.config import Config
 from viewsep.planning.exploration import Exploration
+from viewsep.sim.source import object_name
 
 Progress = Callable[[str, int], Callable[[Row], None]]
 """Called with what begins and how many rows it will have; what it returns hears of every row."""
@@ -52,22 +55,9 @@ def run_separation(
 
     Raises BadInput for objects that cannot be used, and Interrupted.
     """
-    sources = sorted({source for task in tasks for source in (task.source, *task.candidates)})
-    experiment = {
-        "tasks": [asdict(task) for task in tasks],
-        "methods": _named(methods),
-        "baselines": list(baselines),
-        "setup": [setup.views, setup.every],
-        "models": _learn(sources, methods[0].config, setup, running),
-    }
+    experiment = _experiment(tasks, methods, setup, running) | {"baselines": list(baselines)}
     journal = _journal(experiment, running)
-    calls = [
-        Call(f"{method.name} {task.index}", separation_row, (task, method, setup))
-        for task in tasks
-        for method in methods
-    ]
-    rows = run_calls(calls, running.workers, journal, running.progress("separating", len(calls)))
-    by_method = [row for k in range(len(methods)) for row in rows[k :: len(methods)]]
+    by_method = _by_method(separation_row, tasks, methods, setup, journal, running)
     if baselines:
         looks = [max(1, row.get("looks", 1)) for row in by_method[: len(tasks)]]
         calls = [
@@ -77,6 +67,25 @@ def run_separation(
         ]
         by_method += run_calls(calls, running.workers, journal, running.progress("baselines", len(calls)))
     return _reported(Report("separation", about, by_method), journal, running)
+
+
+def run_calibration(
+    tasks: Sequence[SeparationTask],
+    methods: Sequence[Method],
+    setup: Setup,
+    running: Running,
+    about: dict[str, Any],
+) -> Report:
+    """Every task under every method, to its last look.
+
+    Raises BadInput for interpreters without probabilities and for objects that cannot be used, and Interrupted.
+    """
+    for method in methods:
+        check_probabilities(tasks[0], method, setup)
+    experiment = _experiment(tasks, methods, setup, running) | {"kind": "calibration"}
+    journal = _journal(experiment, running)
+    rows = _by_method(calibration_row, tasks, methods, setup, journal, running)
+    return _reported(Report("calibration", about, rows), journal, running)
 
 
 def run_pose(
@@ -100,6 +109,47 @@ def run_pose(
     done = run_calls(calls, running.workers, journal, running.progress("pose runs", len(calls)))
     rows = [row["rows"][k] for k in range(len(methods)) for row in done]
     return _reported(Report("pose", about, rows), journal, running)
+
+
+def _experiment(
+    tasks: Sequence[SeparationTask], methods: Sequence[Method], setup: Setup, running: Running
+) -> dict[str, Any]:
+    """What decides the rows of tasks under methods; the objects are learned for it."""
+    sources = sorted({source for task in tasks for source in (task.source, *task.candidates)})
+    return {
+        "tasks": [asdict(task) for task in tasks],
+        "methods": _named(methods),
+        "setup": [setup.views, setup.every],
+        "models": _learn(sources, methods[0].config, setup, running),
+    }
+
+
+def _by_method(
+    function: Callable[[SeparationTask, Method, Setup], Row],
+    tasks: Sequence[SeparationTask],
+    methods: Sequence[Method],
+    setup: Setup,
+    journal: Journal | None,
+    running: Running,
+) -> list[Row]:
+    """A row for every task under every method, the first method's first."""
+    calls = [
+        Call(f"{method.name} {task.index}", function, (task, method, setup)) for task in tasks for method in methods
+    ]
+    rows = run_calls(calls, running.workers, journal, running.progress("separating", len(calls)))
+    return [row for k in range(len(methods)) for row in rows[k :: len(methods)]]
+
+
+def list_symmetries(sources: Sequence[str], setup: Setup, running: Running) -> list[Row]:
+    """A row for each object: the turns that change nothing, how many poses look alike. Raises BadInput, Interrupted."""
+    calls = [Call(source, _symmetries_row, (source, setup)) for source in sources]
+    return run_calls(calls, running.workers, None, running.progress("objects", len(calls)))
+
+
+def _symmetries_row(source: str, setup: Setup) -> Row:
+    found = symmetries(source, setup)
+    turns = [{"axis": [round(float(x), 4) + 0.0 for x in turn.axis], "degrees": turn.degrees} for turn in found.turns]
+    return {"name": object_name(source), "turns": turns, "alike": "any" if found.axes else str(len(found.rotations))}
 
 
 def _learn(sources: Sequence[str], config: Config, setup: Setup, running: Running) -> dict[str, str]:

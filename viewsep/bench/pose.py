@@ -18,16 +18,17 @@ from viewsep.bench.journal import Row
 from viewsep.bench.methods import PATH, Method
 from viewsep.bench.setup import Setup
 from viewsep.bench.summary import NODE_SPACING_DEG
+from viewsep.bench.symmetry import Symmetries, symmetries
+from viewsep.bench.turned import TurnedObject
 from viewsep.config import Config, InterpreterConfig, geometry_of
 from viewsep.errors import BadInput
-from viewsep.geometry import random_rotation, rotation_angle, rotation_showing
+from viewsep.geometry import random_rotation, rotation_angle
 from viewsep.interpretation.interpreter import Alignment, Variant
 from viewsep.messages import Estimate, FloatArray, Percept
 from viewsep.models.aspect_graph import AspectGraph
 from viewsep.planning.exploration import EXPLORATIONS, Exploration
 from viewsep.planning.reachable import ReachableViews
 from viewsep.plugins import make_descriptor, make_interpreter
-from viewsep.sim.disturbances import Disturbances, constant_gains, disturbed
 from viewsep.sim.render import Pictures
 from viewsep.sim.view_set import is_view_set
 
@@ -61,9 +62,10 @@ def pose_rows(run: PoseRun, methods: Sequence[Method], exploration: Exploration,
     config = methods[0].config
     model = setup.model(run.source, config)
     pictures = setup.pictures(run.source, config)
+    alike = symmetries(run.source, setup)
     try:
         walk = _Walk(run, exploration, config, pictures)
-        return {"rows": [_row(run, method, model, walk) for method in methods]}
+        return {"rows": [_row(run, method, model, walk, alike) for method in methods]}
     finally:
         pictures.close()
 
@@ -77,11 +79,7 @@ class _Walk:
         self._reachable = ReachableViews.of(geometry_of(config.rig))
         self._view = self._reachable.directions[rng.integers(len(self._reachable.directions))]
         self._exploration = EXPLORATIONS[exploration].start(rng, self._view, STEP_RAD)
-        self._descriptor = make_descriptor(config.descriptor)
-        self._disturbances = Disturbances(**config.sim.model_dump())
-        self._camera_direction = geometry_of(config.rig).camera_direction
-        self._pictures = pictures
-        self._seed = run.seed
+        self._turned = TurnedObject(pictures, self.rotation, config, run.seed)
         self._percepts: list[Percept] = []
 
     def percept(self, index: int) -> Percept:
@@ -89,23 +87,16 @@ class _Walk:
         while len(self._percepts) <= index:
             if self._percepts:
                 self._exploration, self._view = self._exploration.next_view(self._view, self._reachable)
-            self._percepts.append(self._look(len(self._percepts), self._view))
+            self._percepts.append(self._turned.percept(len(self._percepts), self._view))
         return self._percepts[index]
 
-    def _look(self, index: int, view: FloatArray) -> Percept:
-        shown = rotation_showing(view @ self.rotation, self._camera_direction)
-        image, mask = self._pictures.render(self._camera_direction, shown)
-        gains = constant_gains(self._disturbances, self._seed)
-        image, mask = disturbed(image, mask, self._disturbances, np.random.default_rng([self._seed, 4, index]), gains)
-        return Percept(index, index, self._descriptor.name, self._descriptor.describe(image, mask), view)
 
-
-def _row(run: PoseRun, method: Method, model: AspectGraph, walk: _Walk) -> Row:
+def _row(run: PoseRun, method: Method, model: AspectGraph, walk: _Walk, alike: Symmetries) -> Row:
     """Follow the walk until the pose has converged (the limit: `task.max_looks`), and on for the picture."""
     interpreter = make_interpreter(method.config.interpreter, [model], make_descriptor(method.config.descriptor))
     state, limit = interpreter.start(), method.config.task.max_looks
     estimates: list[Estimate] = []
-    errors: list[float] = []
+    rotations: list[FloatArray] = []
     wall, cpu = [], []
     settled = -1
     while len(estimates) < (min(TRACED, limit) if settled >= 0 else limit):
@@ -114,10 +105,11 @@ def _row(run: PoseRun, method: Method, model: AspectGraph, walk: _Walk) -> Row:
         state, belief = interpreter.update(state, percept)
         wall.append(perf_counter() - begin)
         cpu.append(thread_time() - begin_cpu)
-        errors.append(float(np.degrees(rotation_angle(belief.rotations[0], walk.rotation))))
+        rotations.append(belief.rotations[0])
         if settled < 0 and belief.estimate.candidates[0].converged:
             settled = len(estimates)
         estimates.append(belief.estimate)
+    errors = [float(np.degrees(rotation_angle(rotation, walk.rotation))) for rotation in rotations]
     error = errors[settled]  # of a run that never converged the last one: nothing is left out
     return {
         "index": run.index,
@@ -130,6 +122,7 @@ def _row(run: PoseRun, method: Method, model: AspectGraph, walk: _Walk) -> Row:
         "looks": settled + 1 if settled >= 0 else limit,
         "travel_deg": float(np.degrees(STEP_RAD)) * (settled if settled >= 0 else limit - 1),
         "pose_error_deg": error,
+        "pose_error_symmetric_deg": float(np.degrees(alike.error(rotations[settled], walk.rotation))),
         "comparisons_per_look": float(np.mean([estimate.comparisons for estimate in estimates])),
         "comparisons_converged": _median([e.comparisons for e in estimates if e.candidates[0].converged]),
         "step_ms": 1e3 * float(np.median(wall)),

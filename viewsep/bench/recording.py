@@ -11,6 +11,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from viewsep.bench.memory import resident_mb
 from viewsep.config import Config
 from viewsep.geometry import spherical_direction
 from viewsep.messages import Array, Frame, JointState, Message, Percept, PerceptReceived
@@ -112,7 +113,7 @@ def _talk(
 ) -> _Talked:
     """Tell frames, percepts and read-backs at the rate, on time."""
     begun, cpu = time.monotonic(), _cpu_s()
-    slowest, messages, rss = 0.0, 0, [_rss_mb()]
+    slowest, messages, rss = 0.0, 0, [resident_mb()]
     frames = round(seconds * rate_hz)
     for number in range(frames):
         time.sleep(max(0.0, begun + number / rate_hz - time.monotonic()))
@@ -122,7 +123,7 @@ def _talk(
             slowest = max(slowest, time.monotonic() - before)
             messages += 1
         if number % round(rate_hz) == 0:
-            rss.append(_rss_mb())
+            rss.append(resident_mb())
             on_second()
     took = time.monotonic() - begun
     return _Talked(took, frames, messages, (_cpu_s() - cpu) / took, slowest, rss)
@@ -154,8 +155,3 @@ def _pictures(size_px: tuple[int, int], seed: int) -> list[Array]:
 def _cpu_s() -> float:
     used = resource.getrusage(resource.RUSAGE_SELF)
     return used.ru_utime + used.ru_stime
-
-
-def _rss_mb() -> float:
-    pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
-    return pages * resource.getpagesize() / 1e6

@@ -9,13 +9,14 @@ from typing import Any
 
 from viewsep import __version__
 from viewsep.bench.journal import Row
+from viewsep.bench.reliability import calibration_summary
 from viewsep.bench.summary import mcnemar, summarise
 from viewsep.files import write_whole
 
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """All rows of an experiment of one `kind` (`separation` or `pose`), the main method's first.
+    """All rows of an experiment of one `kind` (`separation`, `calibration` or `pose`), the main method's first.
 
     `about` says what was done: seed, objects, disturbances.
     """
@@ -35,7 +36,8 @@ class Report:
 
     def summaries(self) -> dict[str, dict[str, Any]]:
         """The figures of every method."""
-        return {method: summarise(self.of(method)) for method in self.methods}
+        figures = calibration_summary if self.kind == "calibration" else summarise
+        return {method: figures(self.of(method)) for method in self.methods}
 
     def comparisons(self) -> list[dict[str, Any]]:
         """McNemar's test of the main method against each other one."""
@@ -43,7 +45,7 @@ class Report:
         return [{"first": main, "second": other} | mcnemar(self.of(main), self.of(other)) for other in others]
 
     def as_dict(self) -> dict[str, Any]:
-        """For JSON. `summary` is that of the main method for separations, and one per method for poses."""
+        """For JSON. `summary` is that of the main method, and for poses one per method."""
         summaries = self.summaries()
         return {
             "kind": self.kind,

@@ -195,14 +195,14 @@ def _end_with(parent: int) -> None:
 def _outcome(key: str, function: Callable[..., Row], *arguments: Any) -> Outcome:
     """Carry out a call, in whatever process. Deliberate errors come back as values: joblib would add tracebacks."""
     try:
-        with _one_thread():
+        with one_thread():
             return key, json.dumps(function(*arguments))
     except ViewsepError as error:
         return key, error.with_traceback(None)
 
 
 @contextmanager
-def _one_thread() -> Iterator[None]:
+def one_thread() -> Iterator[None]:
     """Sums that several threads share are rounded in another order, and processes that share a core only wait."""
     before = cv2.getNumThreads()
     cv2.setNumThreads(1)

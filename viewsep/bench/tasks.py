@@ -38,6 +38,16 @@ class SeparationTask:
         """Whether the truth is among the candidates."""
         return self.source in self.candidates
 
+    @property
+    def identical(self) -> bool:
+        """Whether another candidate is a copy of the truth (`--twins none`): nothing can tell the two apart."""
+        return any(source != self.source and _copied(source) == _copied(self.source) for source in self.candidates)
+
+
+def _copied(source: str) -> str:
+    """The source that this one is a copy of."""
+    return source.removesuffix(":twin=none")
+
 
 def draw_tasks(
     pairs: Sequence[Pair],
@@ -51,7 +61,7 @@ def draw_tasks(
 
     Without pairs the truths are the objects of the pool in turn. Further candidates are drawn from the pool until
     there are `candidates` of them; in a share of `unknown_fraction` of the tasks one of those takes the truth's place.
-    Raises BadInput where the pool is too small for that.
+    Raises BadInput where the pool is too small for that, or an unknown object would have a copy among the candidates.
     """
     names = names_of(pool)
     spare = 1 if unknown_fraction > 0 else 0
@@ -75,7 +85,13 @@ def draw_tasks(
         listed = ([truth] if known else []) + rivals + drawn
         chosen = listed[:candidates]
         in_order = tuple(source for source in pool if source in chosen)
-        tasks.append(SeparationTask(index, seed + index, truth, names[truth], in_order))
+        task = SeparationTask(index, seed + index, truth, names[truth], in_order)
+        if task.identical and not task.known:
+            raise BadInput(
+                "--twins none with --unknown-fraction: an object whose copy is a candidate cannot be noticed as "
+                "unknown; leave one of the two out"
+            )
+        tasks.append(task)
     return tasks
 
 

@@ -8,19 +8,25 @@ import typer
 from rich.table import Table
 
 from viewsep.bench.speed import measure_speed
+from viewsep.cli.bench_calibration import calibration
 from viewsep.cli.bench_pose import pose
 from viewsep.cli.bench_recording import recording
+from viewsep.cli.bench_scale import scale
 from viewsep.cli.bench_separation import separation
 from viewsep.cli.bench_service import service
 from viewsep.cli.bench_servos import servos
+from viewsep.cli.bench_symmetries import symmetries
 from viewsep.cli.console import MAX_SEED, print_json, results
 
 app = typer.Typer(help="Measure the method: how often it is right, what it costs.", no_args_is_help=True)
 app.command("recording")(recording)
 app.command("separation")(separation)
+app.command("calibration")(calibration)
 app.command("pose")(pose)
+app.command("scale")(scale)
 app.command("service")(service)
 app.command("servos")(servos)
+app.command("symmetries")(symmetries)
 
 
 @app.command()

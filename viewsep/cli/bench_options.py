@@ -14,7 +14,8 @@ from viewsep.bench.experiment import Running
 from viewsep.bench.journal import Row
 from viewsep.bench.runner import Workers
 from viewsep.cli.console import MAX_SEED
-from viewsep.config import Config, SimConfig, explain, load_config, parse_config
+from viewsep.cli.plugin_option import onto, parse_plugin
+from viewsep.config import Config, DescriptorConfig, SimConfig, TaskConfig, explain, load_config, parse_config
 from viewsep.errors import BadInput
 from viewsep.sim.render_cache import RenderCache
 
@@ -29,6 +30,19 @@ Disturb = Annotated[
 ]
 Preset = Annotated[
     str | None, typer.Option("--rig", help="Rig preset: turntable, pan_tilt, wrist or gimbal.", show_default="gimbal")
+]
+DescriptorName = Annotated[
+    str | None,
+    typer.Option("--descriptor", help="Feature of a view: NAME or NAME:key=value,...", show_default="cch"),
+]
+PoseTolerance = Annotated[
+    float | None,
+    typer.Option(
+        "--pose-tolerance",
+        metavar="DEG",
+        help="A named object's pose must be known that well too (root mean squared angle, degrees).",
+        show_default="the name is enough",
+    ),
 ]
 Jobs = Annotated[int, typer.Option(help="Local processes; -1 is one per core.")]
 Scheduler = Annotated[
@@ -46,8 +60,14 @@ CacheSize = Annotated[int, typer.Option(min=0, help="Largest size of that folder
 CACHE_MB = 2000
 
 
-def configured(config: Path | None, rig: str | None, disturb: str | None) -> Config:
-    """The configuration file (or the defaults) with the rig and the disturbances of the command line.
+def configured(
+    config: Path | None,
+    rig: str | None,
+    disturb: str | None,
+    descriptor: str | None = None,
+    pose_tolerance_deg: float | None = None,
+) -> Config:
+    """The configuration file (or the defaults) with what the command line says instead.
 
     Raises BadConfig, BadInput.
     """
@@ -57,7 +77,19 @@ def configured(config: Path | None, rig: str | None, disturb: str | None) -> Con
         settings = parse_config(given, "--rig")
     if disturb is not None:
         settings = settings.model_copy(update={"sim": disturbances(disturb, settings.sim)})
+    if descriptor is not None:
+        chosen = onto(settings.descriptor, parse_plugin("descriptor", descriptor))
+        settings = settings.model_copy(update={"descriptor": DescriptorConfig(**chosen)})
+    if pose_tolerance_deg is not None:
+        settings = settings.model_copy(update={"task": _tolerant(settings.task, pose_tolerance_deg)})
     return settings
+
+
+def _tolerant(task: TaskConfig, pose_tolerance_deg: float) -> TaskConfig:
+    try:
+        return TaskConfig.model_validate(task.model_dump() | {"pose_tolerance_deg": pose_tolerance_deg})
+    except ValidationError as error:
+        raise BadInput(f"--pose-tolerance {pose_tolerance_deg:g}: {explain(error)}") from error
 
 
 def disturbances(text: str, base: SimConfig) -> SimConfig:

@@ -21,14 +21,16 @@ from viewsep.messages import Array, FloatArray
 from viewsep.plots.contact_sheet import short_name
 
 DPI = 100
-KINDS = {
-    "right": ("right",),
-    "undecided": ("undecided", "unknown", "indistinguishable"),
-    "failed": ("failed",),
-    "wrong": ("wrong",),
+COLOURS = {
+    "right": "#0072B2",
+    "indistinguishable": "#009E73",
+    "unknown": "#CC79A7",
+    "undecided": "#E69F00",
+    "failed": "0.45",
+    "wrong": "#D55E00",
 }
-"""What is told apart, and the verdicts it stands for; wrong is drawn last, so that both it and right have an edge."""
-COLOURS = {"right": "#0072B2", "undecided": "#E69F00", "failed": "0.45", "wrong": "#D55E00"}
+"""The verdicts in the order they are drawn in: wrong is last, so that both it and right have an edge."""
+ALWAYS = ("right", "undecided", "failed", "wrong")
 PALE = "#BFDBEC"  # a quarter of the colour of right, for what needs no attention
 OTHER = "other objects"
 NAME = 34  # letters of a name
@@ -37,9 +39,10 @@ WIDEST_IN, NARROWEST_IN, TALLEST_IN = 16.0, 9.0, 9.6
 CELL_IN, TITLE_IN, MARGIN_IN = 0.42, 1.15, 0.2
 LETTER_IN, BOLD_LETTER_IN = 0.078, 0.095
 LUMINANCE = np.array([0.299, 0.587, 0.114])
-FIGURES_IN = 5.4  # beside the bars
 
 Key = TypeVar("Key", bound=Hashable)
+_Column = tuple[float, str, str]
+"""Width in inches, heading, text."""
 
 
 def plain(text: str) -> str:
@@ -47,32 +50,30 @@ def plain(text: str) -> str:
     return text.replace("$", r"\$")
 
 
-def kind_of(row: Row) -> str:
-    """One of `KINDS`."""
-    return next(kind for kind, verdicts in KINDS.items() if row["verdict"] in verdicts)
-
-
 # Shares
 
 
 def outcomes(report: Report) -> Figure:
-    """A bar per method, with the shares of its tasks that went right, undecided, failed and wrong."""
-    labels = [short_name(method, NAME) for method in report.methods]
+    """A bar per method, with the shares of its tasks that went right, wrong, and neither."""
+    labels, summaries = [short_name(method, NAME) for method in report.methods], list(report.summaries().values())
     left = MARGIN_IN + 1.3 * LETTER_IN * max(map(len, labels))
-    bars = min(7.2, WIDEST_IN - left - FIGURES_IN)
-    size = (left + bars + FIGURES_IN, 1.75 + 0.55 * len(labels))
+    occurring = {row["verdict"] for row in report.rows}
+    kinds = [kind for kind in COLOURS if kind in occurring or kind in ALWAYS]
+    beside = MARGIN_IN + sum(room for room, _, _ in _columns(summaries[0], kinds))
+    bars = min(7.2, WIDEST_IN - left - beside)
+    size = (left + bars + beside, 1.75 + 0.55 * len(labels))
     figure, axes = _page(size, (left, 0.6, bars, size[1] - 1.75))
-    for place, summary in enumerate(report.summaries().values()):
+    for place, summary in enumerate(summaries):
         begin = 0.0
-        for kind, verdicts in KINDS.items():
-            share = sum(summary[verdict] for verdict in verdicts) / summary["n"]
+        for kind in COLOURS:
+            share = summary[kind] / summary["n"]
             axes.barh(place, share, 0.66, left=begin, color=COLOURS[kind], edgecolor="white", lw=0.8, label=kind)
             begin += share
         low, high = summary["right_wilson95"]
         _interval(axes, low, high, place - 0.12)
         low, high = summary["wrong_wilson95"]
         _interval(axes, 1.0 - high, 1.0 - low, place + 0.12)
-        _figures(axes, place, summary, bars)
+        _figures(axes, place, _columns(summary, kinds), bars)
     axes.set_xlim(0.0, 1.0)
     axes.set_ylim(len(labels) - 0.5, -0.5)
     axes.set_xticks(np.linspace(0.0, 1.0, 6), [f"{percent} %" for percent in range(0, 101, 20)])
@@ -81,11 +82,19 @@ def outcomes(report: Report) -> Figure:
     axes.tick_params(axis="y", length=0)
     axes.spines[["top", "right", "left"]].set_visible(False)
     facts = "lines: 95 % intervals (Wilson) of right, measured from the left, and of wrong, measured from the right"
-    if any(row["verdict"] in ("unknown", "indistinguishable") for row in report.rows):
-        facts += "; undecided: also unknown and indistinguishable"
     _title(figure, f"Which method separates right: {_tasks(len(report.of(report.methods[0])))} for each", facts)
-    _legend(figure, {kind_of(row) for row in report.rows}, COLOURS)
+    _legend(figure, occurring, COLOURS)
     return figure
+
+
+def _columns(summary: dict[str, Any], kinds: Sequence[str]) -> list[_Column]:
+    """The figures beside a bar: right and wrong, how often each of the other `kinds` came out, all tasks."""
+    columns: list[_Column] = []
+    for kind in ("right", "wrong"):
+        columns += [(0.65, kind, str(summary[kind])), (1.0, "95 %", _percent(summary[f"{kind}_wilson95"]))]
+    others = [kind for kind in kinds if kind not in ("right", "wrong")]
+    columns += [(0.25 + LETTER_IN * len(kind), kind, str(summary[kind])) for kind in others]
+    return [*columns, (0.5, "of", str(summary["n"]))]
 
 
 def _interval(axes: Axes, low: float, high: float, y: float) -> None:
@@ -94,20 +103,12 @@ def _interval(axes: Axes, low: float, high: float, y: float) -> None:
         artist.set_path_effects([withStroke(linewidth=3.2, foreground="white")])
 
 
-def _figures(axes: Axes, place: int, summary: dict[str, Any], width: float) -> None:
+def _figures(axes: Axes, place: int, columns: Sequence[_Column], width: float) -> None:
     """The numbers beside a bar that ends at `width` inches, under headings over the first one."""
-    none = sum(summary[verdict] for verdict in KINDS["undecided"])
-    columns = [
-        (0.65, "right", f"{summary['right']}"),
-        (1.65, "95 %", _percent(summary["right_wilson95"])),
-        (2.3, "wrong", f"{summary['wrong']}"),
-        (3.25, "95 %", _percent(summary["wrong_wilson95"])),
-        (4.1, "undecided", f"{none}"),
-        (4.75, "failed", f"{summary['failed']}"),
-        (5.25, "of", f"{summary['n']}"),
-    ]
     style: dict[str, Any] = {"transform": axes.get_yaxis_transform(), "ha": "right", "va": "center"}
-    for inches, heading, text in columns:
+    inches = 0.0
+    for room, heading, text in columns:
+        inches += room
         x = 1.0 + inches / width
         axes.text(x, place, text, size=11, **style)
         if place == 0:
@@ -159,7 +160,7 @@ def confusions(rows: Sequence[Row]) -> Answers:
         said = row["object"] if identified else row["outcome"]
         cell = shown.index(truth), columns.index((identified, OTHER if identified and said in rare else said))
         counts[cell] += 1
-        kinds[cell] = kind_of(row)
+        kinds[cell] = row["verdict"]
     return Answers(
         rows=[short_name(truth, NAME) + " (no candidate)" * alien for truth, alien in shown],
         columns=[short_name(said, NAME) for _, said in columns],
@@ -175,9 +176,9 @@ def pair_answers(report: Report) -> Answers:
     """All methods' answers per pair of candidates: under each method how many were right, undecided, failed, wrong."""
     main = report.of(report.methods[0])
     shown, hidden = _most_failed([tuple(row["candidates"]) for row in main], main)
-    occurring = {kind_of(row) for row in report.rows}
-    kinds = [kind for kind in KINDS if kind in occurring or kind in ("right", "wrong")]
-    tally = Counter((tuple(row["candidates"]), row["method"], kind_of(row)) for row in report.rows)
+    occurring = {row["verdict"] for row in report.rows}
+    kinds = [kind for kind in COLOURS if kind in occurring or kind in ("right", "wrong")]
+    tally = Counter((tuple(row["candidates"]), row["method"], row["verdict"]) for row in report.rows)
     counts = np.array([[[tally[pair, method, kind] for kind in kinds] for method in report.methods] for pair in shown])
     tasks = np.broadcast_to(counts.sum(axis=2, keepdims=True), counts.shape)
     flat = (len(shown), len(report.methods) * len(kinds))
@@ -269,7 +270,7 @@ def _cell_colours(answers: Answers) -> FloatArray:
 
 def _most_failed(keys: Sequence[Key], rows: Sequence[Row]) -> tuple[list[Key], int]:
     """The keys of the rows, in order, without those with the fewest failures where they are too many; and how many."""
-    failed = Counter(key for key, row in zip(keys, rows, strict=True) if kind_of(row) != "right")
+    failed = Counter(key for key, row in zip(keys, rows, strict=True) if row["verdict"] != "right")
     found: list[Any] = sorted(set(keys))
     shown = sorted(sorted(found, key=lambda key: -failed[key])[:MOST])
     return shown, len(found) - len(shown)
@@ -293,7 +294,7 @@ def _title(figure: Figure, title: str, facts: str) -> None:
 
 def _legend(figure: Figure, kinds: set[str], colours: Mapping[str, str]) -> None:
     at = (0.07 / figure.get_figwidth(), 1.0 - 0.66 / figure.get_figheight())
-    handles = [Patch(fc=colours[kind], label=kind) for kind in KINDS if kind in kinds]
+    handles = [Patch(fc=colours[kind], label=kind) for kind in COLOURS if kind in kinds]
     figure.legend(handles=handles, loc="upper left", bbox_to_anchor=at, ncols=len(handles), frameon=False, fontsize=10)
 
 

@@ -49,7 +49,7 @@ def draw_pose(report: Report, folder: Path) -> list[Path]:
     Returns what was written. The folder is made where it is missing; raises BadInput where that is impossible.
     """
     pictures = {"convergence": convergence, "pose_error": pose_errors, "comparisons": pose_comparisons}
-    return _write(report, folder, pictures)
+    return write_pictures(report, folder, pictures)
 
 
 def draw_separation(report: Report, folder: Path) -> list[Path]:
@@ -60,7 +60,9 @@ def draw_separation(report: Report, folder: Path) -> list[Path]:
     impossible.
     """
     pictures: dict[str, Draw] = {"outcomes": outcomes, "failures": failures}
-    return _write(report, folder, pictures | {"comparisons": separation_comparisons, "path_rating": path_rating})
+    return write_pictures(
+        report, folder, pictures | {"comparisons": separation_comparisons, "path_rating": path_rating}
+    )
 
 
 def make_folder(folder: Path) -> None:
@@ -74,7 +76,8 @@ def make_folder(folder: Path) -> None:
         raise BadInput(f"cannot make the folder {folder} for the pictures: {error.strerror}; {remedy}") from error
 
 
-def _write(report: Report, folder: Path, pictures: Mapping[str, Draw]) -> list[Path]:
+def write_pictures(report: Report, folder: Path, pictures: Mapping[str, Draw]) -> list[Path]:
+    """Draw the pictures by name, without those there is nothing for. Raises BadInput."""
     make_folder(folder)
     written = []
     for name, draw in pictures.items():
@@ -115,13 +118,13 @@ def convergence(report: Report) -> Figure:
             median = np.array([np.median(variance) for variance in variances])
             low, high = (_quantiles(variances, q) for q in (0.25, 0.75))
             high = np.minimum(high, 10.0 * LARGEST_VARIANCE)  # infinite: out of the picture
-            shade, finite = _style(place)["color"], np.isfinite(low)
+            shade, finite = line_style(place)["color"], np.isfinite(low)
             axes.fill_between(iterations, low, high, where=finite.tolist(), color=shade, alpha=0.13, lw=0)
             converged = sum(row["verdict"] != "failed" for row in rows)
             drawn = np.where(np.isfinite(median), median, np.nan)
             label = f"{variant}: {converged} of {len(rows)} converged"
             label += ", never finite" if np.isnan(drawn).all() else ""
-            axes.plot(iterations, drawn, label=plain(label), **_style(place))
+            axes.plot(iterations, drawn, label=plain(label), **line_style(place))
             lowest = min([lowest, *low[finite & (low > 0.0)]])
             axes.set_xlim(0.0, max(len(variances) + 1.0, axes.get_xlim()[1]))
         bound = _limit(next(iter(methods.values())), configured)
@@ -130,7 +133,7 @@ def convergence(report: Report) -> Figure:
         _legend_below(axes, axes.get_lines(), 2)
         _name_axes(axes, "running variance of the pose (deg²)")
     panels[0][0].set_ylim(max(0.5 * lowest, 1e-3), 2.0 * LARGEST_VARIANCE)
-    _headline(figure, f"How fast the pose settles: median of {_runs(report)}, quartiles shaded")
+    headline(figure, f"How fast the pose settles: median of {_runs(report)}, quartiles shaded")
     return figure
 
 
@@ -158,7 +161,7 @@ def pose_errors(report: Report) -> Figure:
         mean = summary["pose_error_deg_mean"]
         says = f"{method.replace('_', ' ')}: " + ("no error known" if mean is None else f"mean {mean:.1f}°")
         says += f", {summary['failed']} failed" if summary["failed"] else ""
-        style = _style(variants.index(_variant(method))) | {"ls": STYLES[alignments.index(_alignment(method))]}
+        style = line_style(variants.index(_variant(method))) | {"ls": STYLES[alignments.index(_alignment(method))]}
         ends = [0.0, *errors, 360.0], [*shares, shares[-1]]
         axes.plot(*ends, drawstyle="steps-post", label=plain(says), **style)
     axes.set_xscale("log")
@@ -170,7 +173,7 @@ def pose_errors(report: Report) -> Figure:
     axes.set_ylabel("share of the runs with at most this error")
     axes.grid(color="0.92")
     axes.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False, fontsize=10)
-    _headline(figure, f"How exact the poses are: {_runs(report)}, failed ones at their last estimate")
+    headline(figure, f"How exact the poses are: {_runs(report)}, failed ones at their last estimate")
     return figure
 
 
@@ -183,7 +186,7 @@ def pose_comparisons(report: Report) -> Figure:
         _cost_landmarks(axes, report)
         _legend_below(axes, axes.get_lines(), 2)
         _name_axes(axes, "feature comparisons per iteration")
-    _headline(figure, f"What a look costs: feature comparisons, mean of {_runs(report)}")
+    headline(figure, f"What a look costs: feature comparisons, mean of {_runs(report)}")
     return figure
 
 
@@ -230,14 +233,14 @@ def separation_comparisons(report: Report) -> Figure | None:
     for place, (method, course) in enumerate(courses.items()):
         counts = [len(values) for values in course]
         _draw_means(axes, course, place, f"{short_name(method, 40)} (n = {counts[0]})")
-        running.step(np.arange(1, len(counts) + 1), counts, where="mid", **_style(place) | {"lw": 1.2})
+        running.step(np.arange(1, len(counts) + 1), counts, where="mid", **line_style(place) | {"lw": 1.2})
     _cost_landmarks(axes, report)
     _name_axes(axes, "feature comparisons per candidate")
     _name_axes(running, "tasks running")
     running.set_ylim(bottom=0)
     running.yaxis.set_major_locator(MaxNLocator(3, integer=True))
     _legend_below(running, axes.get_lines(), 3, -0.4)
-    _headline(figure, "What a look costs: feature comparisons per candidate, mean of the tasks still running")
+    headline(figure, "What a look costs: feature comparisons per candidate, mean of the tasks still running")
     return figure
 
 
@@ -272,7 +275,7 @@ def path_rating(report: Report) -> Figure | None:
     axes.set_ylim(bottom=0.0)
     _legend_below(axes, handles, 3)
     axes.set_title(plain(f"{main}, task {row['index'] + 1} of {len(rows)} (seed {row['seed']})"), size=11, loc="left")
-    _headline(figure, "How well the best paths of truth and rival fit: the first task that was done right")
+    headline(figure, "How well the best paths of truth and rival fit: the first task that was done right")
     return figure
 
 
@@ -285,14 +288,14 @@ def _has_both_courses(row: Row) -> bool:
 # Both
 
 
-def _style(place: int) -> dict[str, Any]:
+def line_style(place: int) -> dict[str, Any]:
     """What sets a line apart from the others: colour and dashes."""
     return {"color": COLOURS[place % len(COLOURS)], "ls": STYLES[place % len(STYLES)], "lw": 2.0}
 
 
 def _draw_means(axes: Axes, course: Sequence[FloatArray], place: int, label: str) -> None:
     means = [float(values.mean()) for values in course]
-    axes.plot(np.arange(1, len(means) + 1), means, label=plain(label), **_style(place))
+    axes.plot(np.arange(1, len(means) + 1), means, label=plain(label), **line_style(place))
 
 
 def _cost_landmarks(axes: Axes, report: Report) -> None:
@@ -320,5 +323,6 @@ def _legend_below(axes: Axes, handles: Sequence[Artist], columns: int, below: fl
     axes.legend(handles=handles, loc="upper center", bbox_to_anchor=at, ncols=columns, frameon=False, fontsize=10)
 
 
-def _headline(figure: Figure, text: str) -> None:
+def headline(figure: Figure, text: str) -> None:
+    """What a picture is about, over all of it."""
     figure.suptitle(text, size=14, weight="bold", x=0.01, ha="left")
