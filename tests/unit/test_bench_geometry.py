@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 
 from viewsep.bench.baselines import matches
 from viewsep.bench.optimum import clairvoyant_travel, telling_nodes
-from viewsep.descriptors.cch import ColourCooccurrence
 from viewsep.geometry import angle_between, delaunay_edges, equidistant_sphere, fibonacci_sphere, random_rotation
 from viewsep.messages import BoolArray, FloatArray
 from viewsep.models.aspect_graph import AspectGraph, Provenance
@@ -46,7 +45,7 @@ def test_the_optimum_is_the_shortest_way_to_a_view_that_differs(seed: int) -> No
     rng = np.random.default_rng(seed)
     rotation = random_rotation(rng)
     start = random_rotation(rng)[0]
-    travel = clairvoyant_travel(TEA, [DECAF], ColourCooccurrence(), rotation, EVERYWHERE, start)
+    travel = clairvoyant_travel(TEA, [DECAF], rotation, EVERYWHERE, start)
     # by brute force: every direction belongs to its nearest node
     nodes = angle_between(EVERYWHERE.directions @ rotation, DIRECTIONS[:, None]).argmin(axis=0)
     here = int(angle_between(start @ rotation, DIRECTIONS).argmin())
@@ -55,18 +54,18 @@ def test_the_optimum_is_the_shortest_way_to_a_view_that_differs(seed: int) -> No
 
 
 def test_there_is_no_way_where_nothing_differs_or_the_difference_is_out_of_reach() -> None:
-    cch, copy = ColourCooccurrence(), box("copy", np.zeros(100, bool))
+    copy = box("copy", np.zeros(100, bool))
     start = np.array([1.0, 0.0, 0.0])
-    assert clairvoyant_travel(TEA, [copy], cch, np.eye(3), EVERYWHERE, start) == np.inf
+    assert clairvoyant_travel(TEA, [copy], np.eye(3), EVERYWHERE, start) == np.inf
     front = ReachableViews(
         EVERYWHERE.directions[EVERYWHERE.directions[:, 0] > 0.0], lambda directions: directions[..., 0] > 0.0
     )
-    assert clairvoyant_travel(TEA, [DECAF], cch, np.eye(3), front, start) == np.inf
+    assert clairvoyant_travel(TEA, [DECAF], np.eye(3), front, start) == np.inf
 
 
 def test_a_view_must_tell_the_truth_from_every_rival() -> None:
     side = DIRECTIONS[:, 1] > 0.6
-    told = telling_nodes(TEA, [DECAF, box("herbal", side)], ColourCooccurrence(), np.eye(3), EVERYWHERE)
+    told = telling_nodes(TEA, [DECAF, box("herbal", side)], np.eye(3), EVERYWHERE)
     np.testing.assert_array_equal(told, BACK & side)
 
 

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
 
+from viewsep.config import PluginConfig
 from viewsep.geometry import angle_between, nearest_points
-from viewsep.interfaces import Descriptor
 from viewsep.messages import BoolArray, FloatArray
 from viewsep.models.aspect_graph import AspectGraph
 from viewsep.planning.reachable import ReachableViews
+from viewsep.plugins import make_descriptor
 
 TELLING_SHARE = 0.5
 
@@ -18,7 +20,6 @@ TELLING_SHARE = 0.5
 def clairvoyant_travel(
     truth: AspectGraph,
     rivals: Sequence[AspectGraph],
-    descriptor: Descriptor,
     rotation: FloatArray,
     reachable: ReachableViews,
     start: FloatArray,
@@ -28,7 +29,7 @@ def clairvoyant_travel(
     `rotation` (3, 3) is the true pose object -> control. 0 where the start view does so itself; infinite where no
     reachable view does.
     """
-    tells = telling_nodes(truth, rivals, descriptor, rotation, reachable)
+    tells = telling_nodes(truth, rivals, rotation, reachable)
     node = nearest_points(truth.directions, reachable.directions @ rotation)[1]
     telling = reachable.directions[tells[node]]
     if len(telling) == 0:
@@ -40,10 +41,17 @@ def clairvoyant_travel(
     return float(angle_between(way[1:], way[:-1]).sum())
 
 
+@lru_cache(maxsize=4096)
+def _difference(truth: AspectGraph, rival: AspectGraph) -> FloatArray:
+    """(N,) how far each view of `truth` is from the most similar one of a rival; the same in every task."""
+    descriptor = make_descriptor(PluginConfig(name=truth.descriptor, options=truth.descriptor_parameters))
+    similarity = np.array([descriptor.similarity(feature, rival.features).max() for feature in truth.features])
+    return 1.0 - similarity
+
+
 def telling_nodes(
     truth: AspectGraph,
     rivals: Sequence[AspectGraph],
-    descriptor: Descriptor,
     rotation: FloatArray,
     reachable: ReachableViews,
 ) -> BoolArray:
@@ -54,8 +62,7 @@ def telling_nodes(
     """
     difference = np.full(len(truth.features), np.inf)
     for rival in rivals:
-        similarity = np.array([descriptor.similarity(feature, rival.features).max() for feature in truth.features])
-        difference = np.minimum(difference, 1.0 - similarity)
+        difference = np.minimum(difference, _difference(truth, rival))
     shown = np.unique(nearest_points(truth.directions, reachable.directions @ rotation)[1])
     largest = difference[shown].max()
     tells: BoolArray = (difference >= TELLING_SHARE * largest) & (largest > 1e-6)

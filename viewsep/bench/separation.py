@@ -128,7 +128,7 @@ def _travel(
         truth = setup.model(task.source, held.config)
         rivals = [setup.model(source, held.config) for source in task.candidates if source != task.source]
         reachable = reachable_views(held.config.rig)
-        way = clairvoyant_travel(truth, rivals, make_descriptor(held.config.descriptor), rotation, reachable, start)
+        way = clairvoyant_travel(truth, rivals, rotation, reachable, start)
         shortest = float(np.degrees(way)) if np.isfinite(way) else None
     look = held.config.task.look_every_deg
     ratio = None if shortest is None else max(travel, look) / max(shortest, look)
