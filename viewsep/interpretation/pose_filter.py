@@ -18,6 +18,7 @@ from viewsep.interfaces import Conclusion, Descriptor, Interpretation, PoseSampl
 from viewsep.interpretation.independence import independent_share
 from viewsep.interpretation.posterior import Posterior, RotationGrid, spacing_rad_of
 from viewsep.interpretation.predictions import predictions_of
+from viewsep.interpretation.refinement import refined
 from viewsep.messages import Array, CandidateEstimate, Estimate, FloatArray, HypothesisViews, Outcome, Percept, Phase
 from viewsep.models.aspect_graph import AspectGraph
 
@@ -26,6 +27,7 @@ POSED = 8  # likeliest candidates whose poses are worked out
 SAMPLED, SAMPLES, FEWEST_SAMPLES = 5, 40, 8  # candidates, and rotations of all and of each, that stand for all
 PROMOTED = 8  # parked candidates that are taken up again in one step at most
 DOUBT = 0.05
+REFINED_BELOW_RAD = np.radians(15.0)
 PLACE_RAD = np.radians(12.0)
 CALM_BOUNDS = (0.02, 0.98)  # of the probability that looks are clean: the light may change
 
@@ -233,6 +235,11 @@ class FilterInterpreter:
         posed = [int(k) for k in order[:POSED] if int(k) in place]
         for k in posed:
             rotations[k], variance[k] = self.grid.pose(posterior.log_p[place[k]])
+        best = int(order[0])
+        if variance[best] < REFINED_BELOW_RAD**2:
+            rotations[best], variance[best] = refined(
+                self.predictions, best, rotations[best], state.looks, state.views, state.shares
+            )
         limit = np.radians(self.options.pose_within_deg) ** 2
         none = float(np.exp(posterior.none))
         leader = int(order[0]) if self._sure(state, int(order[0]), probability, none) else -1

@@ -118,6 +118,14 @@ class Predictions:
         shown: Array = np.einsum("nj,nje->ne", self._weight[candidate, cells], self.views[self._node[candidate, cells]])
         return shown
 
+    def log_at(self, looks: Array, candidate: int, cells: Array) -> FloatArray:
+        """(L, M) projected looks and (J, L) cells they may be from -> (J, L) tempered log-likelihoods of any looks."""
+        distinct, place = np.unique(cells, return_inverse=True)
+        shown = self.prediction(candidate, distinct)
+        distance2 = (looks * looks).sum(axis=1)[:, None] - 2.0 * looks @ shown.T + (shown * shown).sum(axis=1)
+        at = np.take_along_axis(distance2, place.reshape(cells.shape).T, axis=1).T
+        return self._mixed(np.maximum(at, 0.0), np.ones(1, np.float32), 0.5).astype(np.float64)
+
     def known(self, candidate: int, cells: Array) -> Array:
         """(N,) cells -> (N,) bool: whether the candidate has views there."""
         covered: Array = self._covered[candidate, cells]
