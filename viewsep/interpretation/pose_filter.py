@@ -292,9 +292,10 @@ class FilterInterpreter:
         if everybody[who] < self.options.confidence:
             return False
         elsewhere = state.views @ state.views.T <= np.cos(PLACE_RAD)
-        gained = elsewhere.astype(np.float32) @ (state.gains[:, [who]] - state.gains)
         with np.errstate(divide="ignore"):
-            without = np.log(state.prior[who]) - np.log(state.prior) + gained
+            without = np.repeat((np.log(state.prior[who]) - np.log(state.prior))[None], len(elsewhere), axis=0)
+        for counts, gain in zip(elsewhere.T, state.gains[:, [who]] - state.gains, strict=True):
+            without[counts] = np.clip(without[counts] + gain, -self.options.floor, self.options.floor)
         left = 1.0 / np.exp(-without).sum(axis=1)
         return bool(left.min() >= self.options.corroborated)
 
