@@ -309,6 +309,13 @@ def test_what_no_view_tells_of_the_pose_ends_it_with_the_name() -> None:
     assert conclusion.telling_view is None
 
 
+def test_when_the_name_is_known_it_is_of_no_use_what_tells_the_candidates_apart() -> None:
+    planner = planner_on("gimbal", options=InformationOptions(patience=2))
+    plans, conclusion = until_concluded(planner, start_view("gimbal"), both(held(3)), conclusion=NAMED)
+    assert plans == 2
+    assert conclusion.outcome is Outcome.IDENTIFIED
+
+
 # ---- together with the pose filter ----
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -101,6 +102,19 @@ def test_with_the_first_look_those_are_followed_that_it_fits_best() -> None:
     truth = 55  # not among the first ones
     state, _ = told(following(FOLLOWED), seen(looks(3, 1), held(3), truth))
     assert truth in state.posterior.active
+
+
+def test_what_is_no_longer_followed_keeps_its_probability() -> None:
+    machine, percepts = following(FOLLOWED, alike=True), seen(looks(2, 3), held(2), 70)
+    state, _ = told(machine, percepts)
+    dropped = replace(state, posterior=replace(state.posterior, log_p=state.posterior.log_p.copy()))
+    worst = int(np.argmin(dropped.posterior.mass))
+    dropped.posterior.log_p[worst] -= 60.0  # too unlikely to be followed on
+    after, _ = machine.update(dropped, seen(looks(2, 4), held(2), 70)[-1])
+    left = int(dropped.posterior.active[worst])
+    assert left not in after.posterior.active
+    assert np.isfinite(after.posterior.parked[left])
+    assert after.posterior.probabilities()[left] < 1e-6
 
 
 @pytest.mark.parametrize("seed", [1, 3, 5, 7])

@@ -63,6 +63,12 @@ def test_no_rotation_falls_further_than_the_floor_below_the_best() -> None:
     assert total(whole) == pytest.approx(1.0, abs=1e-5)
 
 
+def test_where_none_of_them_is_likeliest_the_floor_lies_below_that() -> None:
+    even = Posterior(np.arange(1), np.full((1, GRID), -100.0, np.float32), np.full(1, -np.inf), -1.0)
+    whole = even.normalised(12.0)
+    np.testing.assert_allclose(whole.log_p, whole.none - 12.0, atol=1e-4)
+
+
 def test_followed_candidates_have_their_rotations_sum_parked_ones_their_estimate() -> None:
     whole = posterior().normalised(200.0)
     found = whole.probabilities()
@@ -151,13 +157,13 @@ def test_the_pose_is_the_mean_around_the_best_rotation_and_its_spread() -> None:
 def test_two_ways_to_hold_it_are_not_averaged_but_widen_the_spread() -> None:
     grid = RotationGrid(GRID)
     log_p = peaked(321).log_p[0].copy()
-    other = int(np.argmax(rotation_angle(rotation_grid(GRID), rotation_grid(GRID)[321])))
+    apart = rotation_angle(rotation_grid(GRID), rotation_grid(GRID)[321])
+    other = int(np.argmin(np.abs(apart - np.radians(90.0))))
     log_p[other] = -0.1
     mean, spread = grid.pose(log_p)
     np.testing.assert_allclose(mean, rotation_grid(GRID)[321], atol=1e-6)
-    apart = float(rotation_angle(rotation_grid(GRID)[other], rotation_grid(GRID)[321]))
     share = np.exp(-0.1) / (1.0 + np.exp(-0.1))
-    assert spread == pytest.approx(share * apart**2, rel=0.01)
+    assert spread == pytest.approx(share * apart[other] ** 2, rel=0.01)
 
 
 # ---- independence ----
