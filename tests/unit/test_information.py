@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import cache
 from typing import Any
 
@@ -10,11 +10,12 @@ import numpy as np
 import pytest
 from painted import EDGES, NODES, POLE, TWIN, graph, held, interpreter, model, noisy, painted, seen
 
-from viewsep.geometry import angle_between, axis_rotation, rotation_showing, spherical_direction
+from viewsep.geometry import angle_between, axis_rotation, equidistant_sphere, rotation_showing, spherical_direction
 from viewsep.interfaces import Conclusion, Interpretation, NextView, PoseSamples
 from viewsep.kinematics import preset
 from viewsep.messages import CandidateEstimate, Estimate, FloatArray, Outcome, Phase
 from viewsep.models.aspect_graph import AspectGraph, Trials
+from viewsep.planning import information
 from viewsep.planning.information import InformationOptions, InformationPlanner, InformationState
 from viewsep.planning.reachable import ReachableViews
 from viewsep.trials import trial_directions
@@ -24,6 +25,14 @@ EVERY_RIG = pytest.mark.parametrize("rig", RIGS)
 NAMED = Conclusion(Outcome.IDENTIFIED, "its probability is high")
 Part = tuple[int, FloatArray, float]
 """A candidate, a rotation it may be held in, and how likely that is."""
+
+
+@pytest.fixture(autouse=True, scope="module")
+def sphere_once() -> Iterator[None]:
+    """Every planner makes the same sphere of views, which takes most of a second."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(information, "equidistant_sphere", cache(equidistant_sphere), raising=False)
+        yield
 
 
 @cache
