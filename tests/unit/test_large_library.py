@@ -78,7 +78,7 @@ def around_the_pole(seed: int, count: int, *, sees: bool) -> FloatArray:
     return chosen
 
 
-@pytest.mark.parametrize("seed", [1, 4, 7, 8])
+@pytest.mark.parametrize("seed", [1, 4, 8, 10])
 def test_of_many_look_alikes_the_same_is_named_as_when_all_are_followed(seed: int) -> None:
     truth = (17 * seed + 20) % COUNT
     views = np.concatenate([around_the_pole(seed, 4, sees=False), around_the_pole(seed, 8, sees=True)]) @ held(seed).T
