@@ -64,6 +64,7 @@ STRATEGIES: dict[type, st.SearchStrategy[Any]] = {
         FLOAT,
         st.none() | doubles(3),
         OPTIONAL,
+        TEXT,
     ),
     m.Result: st.builds(
         m.Result,
@@ -140,6 +141,18 @@ def test_not_known_differs_from_zero() -> None:
         assert codec.to_bytes(without) != codec.to_bytes(with_zero)
     _, older = codec.encode(result)
     assert {"indistinct", "telling_view", "pose_spread_rad"} & {field.name for field, _ in older.ListFields()} == set()
+
+
+def test_a_note_is_kept_and_without_one_an_estimate_is_what_it_was_before_there_were_notes() -> None:
+    plain = m.Estimate(0, 0, m.Phase.EXPLORING, (), 0, 0.0, None)
+    noted = replace(plain, note="the object has slipped")
+    topic, protobuf = codec.encode(noted)
+    assert bits(codec.decode(topic, protobuf)) == bits(noted)
+    _, older = codec.encode(plain)
+    assert "note" not in {field.name for field, _ in older.ListFields()}
+    decoded = codec.decode(topic, older)
+    assert isinstance(decoded, m.Estimate)
+    assert decoded.note == ""
 
 
 @pytest.mark.parametrize(

@@ -1,152 +1,21 @@
-"""The pose filter: its grids, what models predict between their views, and the posterior."""
+"""The pose filter: who it is and how it is held, from looks at painted objects."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from painted import TWIN, held, interpreter, looks, model, seen, unit
 
-from viewsep.descriptors.cch import ColourCooccurrence
 from viewsep.engine.engine import Engine
 from viewsep.engine.state import EngineState
-from viewsep.geometry import angle_between, equidistant_sphere, rotation_angle, view_edges
-from viewsep.interpretation.metric import embedded
-from viewsep.interpretation.pose_filter import FilterInterpreter
-from viewsep.interpretation.predictions import Predictions
-from viewsep.interpretation.rotation_grid import rotation_grid
-from viewsep.interpretation.view_cells import CELLS, Interpolation, cell_directions, cell_of
+from viewsep.geometry import angle_between, rotation_angle
+from viewsep.interfaces import Interpretation
+from viewsep.interpretation.independence import REPEATED
+from viewsep.interpretation.pose_filter import FilterInterpreter, FilterOptions, FilterState
 from viewsep.kinematics import preset
-from viewsep.messages import Array, FloatArray, Percept
-from viewsep.models.aspect_graph import AspectGraph, Provenance
+from viewsep.messages import Outcome
 from viewsep.planning.random_motion import RandomPlanner
 from viewsep.planning.reachable import ReachableViews
-
-DIMENSIONS = 24
-
-
-def painted(directions: FloatArray, seed: int, twin: bool = False) -> Array:
-    """(N, D) histograms that change smoothly over the sphere; a twin differs around one pole only."""
-    rng = np.random.default_rng(seed)
-    centres = rng.normal(size=(DIMENSIONS, 3))
-    centres /= np.linalg.norm(centres, axis=1, keepdims=True)
-    shown = np.exp(3.0 * directions @ centres.T)
-    if twin:
-        shown[:, :4] *= 1.0 + 20.0 * np.maximum(directions[:, 2:] - 0.5, 0.0)
-    histograms: Array = (shown / shown.sum(axis=1, keepdims=True)).astype(np.float32)
-    return histograms
-
-
-def model(name: str, seed: int, twin: bool = False, directions: FloatArray | None = None) -> AspectGraph:
-    at = equidistant_sphere(100) if directions is None else directions
-    return AspectGraph(
-        name=name,
-        directions=at,
-        edges=view_edges(at),
-        features=painted(at, seed, twin),
-        thumbnails=np.zeros((len(at), 4, 4, 3), np.uint8),
-        descriptor="cch",
-        descriptor_parameters={},
-        provenance=Provenance("", "", ""),
-    )
-
-
-def interpreter(*models: AspectGraph) -> FilterInterpreter:
-    return FilterInterpreter(models, ColourCooccurrence())
-
-
-def unit(values: Array) -> FloatArray:
-    return np.asarray(values / np.linalg.norm(values, axis=-1, keepdims=True))
-
-
-# ---- grids ----
-
-
-def test_rotations_are_rotations_spread_evenly() -> None:
-    grid = rotation_grid(5000)
-    np.testing.assert_allclose(grid @ grid.transpose(0, 2, 1), np.broadcast_to(np.eye(3), (5000, 3, 3)), atol=1e-12)
-    np.testing.assert_allclose(np.linalg.det(grid), 1.0)
-    rng = np.random.default_rng(0)
-    for _ in range(20):
-        anywhere = grid[rng.integers(5000)] @ grid[rng.integers(5000)]
-        nearest = min(float(rotation_angle(anywhere, near)) for near in grid[:5000])
-        assert np.degrees(nearest) < 20.0
-
-
-@given(st.tuples(*[st.floats(-1, 1)] * 3).filter(lambda v: np.linalg.norm(v) > 0.01))
-def test_every_direction_is_in_the_cell_around_it(direction: tuple[float, float, float]) -> None:
-    at = unit(np.array(direction))
-    cell = int(cell_of(*at[:, None])[0])
-    assert np.degrees(angle_between(cell_directions()[cell], at)) < 3.2
-
-
-def test_the_middle_of_a_cell_is_in_it() -> None:
-    assert (cell_of(*cell_directions().T) == np.arange(CELLS)).all()
-
-
-# ---- predictions ----
-
-
-def test_between_its_views_a_model_predicts_a_mixture_of_them() -> None:
-    whole = model("a", 1)
-    part = Interpolation.of(whole)
-    assert part.covered.all()
-    np.testing.assert_allclose(part.weight.sum(axis=1), 1.0, atol=1e-5)
-    true = embedded(painted(cell_directions(), 1))
-    views = embedded(whole.features)
-    mixed = np.einsum("cj,cje->ce", part.weight, views[part.node])
-    nearest = views[np.argmax(cell_directions() @ whole.directions.T, axis=1)]
-    error = np.linalg.norm(mixed - true, axis=1)
-    assert error.mean() < 0.35 * np.linalg.norm(nearest - true, axis=1).mean()
-
-
-def test_a_ring_of_views_says_nothing_about_the_poles() -> None:
-    azimuth = np.radians(np.arange(0, 360, 15))
-    ring = np.stack([np.cos(azimuth), np.sin(azimuth), np.zeros(len(azimuth))], axis=1)
-    part = Interpolation.of(model("a", 1, directions=ring))
-    height = np.abs(cell_directions()[:, 2])
-    assert part.covered[height < 0.1].all()
-    assert not part.covered[height > 0.4].any()
-    assert (part.weight[height < 0.1][:, :2].min(axis=1) > 0.05).mean() > 0.5
-
-
-def test_the_likelihood_is_highest_where_the_feature_was_seen() -> None:
-    predictions = Predictions([model("a", 1), model("b", 2)])
-    rng = np.random.default_rng(3)
-    for _ in range(20):
-        view = unit(rng.normal(size=3))
-        look = predictions.project(painted(view[None], 1)[0])
-        likelihood = predictions.log_likelihood(look, np.arange(2), 0.5)
-        owner, cell = np.unravel_index(np.argmax(likelihood), likelihood.shape)
-        assert owner == 0
-        assert np.degrees(angle_between(cell_directions()[cell], view)) < 12.0
-
-
-# ---- the posterior ----
-
-
-def looks(seed: int, count: int, step_deg: float = 10.0) -> FloatArray:
-    """(count, 3) views of a path that wanders over the sphere."""
-    rng = np.random.default_rng(seed)
-    view, ahead = np.linalg.qr(rng.normal(size=(3, 2)))[0].T
-    path = [view]
-    for _ in range(count - 1):
-        ahead = unit(ahead + 0.3 * rng.normal(size=3))
-        ahead = unit(ahead - (ahead @ view) * view)
-        angle = np.radians(step_deg)
-        view, ahead = np.cos(angle) * view + np.sin(angle) * ahead, np.cos(angle) * ahead - np.sin(angle) * view
-        path.append(view)
-    return np.array(path)
-
-
-def held(seed: int) -> FloatArray:
-    rotation: FloatArray = rotation_grid(7919)[seed * 101 % 7919]
-    return rotation
-
-
-def seen(views: FloatArray, rotation: FloatArray, paint: int, twin: bool = False) -> list[Percept]:
-    features = painted(views @ rotation, paint, twin)
-    return [Percept(n, n, "cch", feature, view) for n, (feature, view) in enumerate(zip(features, views, strict=True))]
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -164,7 +33,7 @@ def test_pose_and_identity_are_found(seed: int) -> None:
 
 
 def test_twins_are_told_apart_only_where_they_differ() -> None:
-    machine = interpreter(model("a", 1), model("b", 1, twin=True))
+    machine = interpreter(model("a", 1), model("b", 1, twin=TWIN))
     rotation = held(3)
     state = machine.start()
     views = looks(3, 200)
@@ -222,3 +91,183 @@ def test_the_state_can_be_saved_and_gives_the_same_bits() -> None:
     assert engine.save(EngineState(interpretation=state, belief=belief)) == engine.save(
         EngineState(interpretation=kept, belief=again)
     )
+
+
+# ---- probabilities mean what they say ----
+
+
+def test_probabilities_are_as_high_as_the_share_that_is_right() -> None:
+    """Of two twins that differ by little in comparison to the noise of the looks, all around the pole.
+
+    Of N independent tasks as many are right as the probabilities sum to, give or take the standard deviation
+    sqrt(sum of P (1 - P)): three of them are allowed. With evidence that counts
+    three times as much, or a third, it is off by four or more.
+    """
+    noise, difference, tasks = 0.3, 1.0, 100
+    names = (("a", 0.0), ("b", difference))
+    machine = interpreter(
+        *(model(name, 1, twin, noise=noise, disturbed=noise) for name, twin in names),
+        options=FilterOptions(rotations=4000),
+    )
+    probability, right = np.empty((tasks, 4)), np.empty((tasks, 4), bool)
+    for task in range(tasks):
+        truth = task % 2
+        views = unit(np.random.default_rng(task).normal(size=(100, 3)))
+        views = views[views[:, 2] > 0.5][:4] @ held(task).T
+        state = machine.start()
+        for n, percept in enumerate(seen(views, held(task), 1, names[truth][1], noise=noise, seed=task)):
+            state, _ = machine.update(state, percept)
+            found = state.posterior.probabilities()
+            probability[task, n], right[task, n] = found.max(), found.argmax() == truth
+    deviation = np.sqrt((probability * (1.0 - probability)).sum(axis=0)) / tasks
+    assert (np.abs(right.mean(axis=0) - probability.mean(axis=0)) < 3.0 * deviation).all()
+    assert 0.6 < probability.mean() < 0.95  # it was neither easy nor hopeless
+    sure = probability > 0.9
+    assert sure.sum() > 50
+    assert right[sure].mean() > 0.9
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_twins_that_were_seen_from_the_same_side_only_are_never_named(seed: int) -> None:
+    machine = interpreter(model("a", 1, noise=0.1, disturbed=0.1), model("b", 1, TWIN, noise=0.1, disturbed=0.1))
+    state, views = machine.start(), looks(seed, 200)
+    hidden = views[(views @ held(seed))[:, 2] < 0.2][:25]
+    for percept in seen(hidden, held(seed), 1, TWIN * (seed % 2), noise=0.05, seed=seed):
+        state, belief = machine.update(state, percept)
+        assert belief.leader == -1
+        assert belief.conclusion is None
+    assert state.posterior.probabilities() == pytest.approx(0.5, abs=0.1)  # there is nothing to tell them apart by
+    assert belief.plausible.all()
+    assert np.degrees(rotation_angle(belief.rotations[seed % 2], held(seed))) < 10.0
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_an_unknown_object_is_concluded_with_a_reason(seed: int) -> None:
+    machine = interpreter(*(model(f"m{k}", 20 + k, noise=0.05, disturbed=0.05) for k in range(8)))
+    state = machine.start()
+    for percept in seen(looks(seed, 10), held(seed), 60 + seed, noise=0.05, seed=seed):
+        state, belief = machine.update(state, percept)
+    assert belief.conclusion is not None
+    assert belief.conclusion.outcome is Outcome.UNKNOWN
+    assert belief.conclusion.reason == "the probability of that is 1.0000 after 10 looks"
+    assert belief.leader == -1
+    assert belief.estimate.unknown == pytest.approx(1.0, abs=1e-3)
+    assert not belief.converged
+
+
+def test_an_identification_says_how_sure_it_is_and_the_estimate_lists_the_candidates() -> None:
+    machine = interpreter(model("a", 1), model("b", 2))
+    state = machine.start()
+    for percept in seen(looks(1, 8), held(1), 2):
+        state, belief = machine.update(state, percept)
+    assert belief.conclusion is not None
+    assert belief.conclusion.outcome is Outcome.IDENTIFIED
+    assert belief.conclusion.reason == "its probability is 1.0000 after 8 looks"
+    wrong, right = belief.estimate.candidates
+    assert (wrong.name, right.name) == ("a", "b")
+    assert right.probability == pytest.approx(1.0, abs=1e-4)
+    assert right.rating == pytest.approx(1.0, abs=1e-4)
+    assert wrong.rating > 100.0
+    assert right.w0 > wrong.w0
+    assert right.w1 == pytest.approx(np.sqrt(right.variance))
+    assert belief.estimate.iteration == 8
+    assert belief.estimate.note == ""
+
+
+def test_samples_stand_for_the_posterior() -> None:
+    machine = interpreter(model("a", 1), model("b", 1, TWIN))
+    state, views = machine.start(), looks(3, 200)
+    for percept in seen(views[(views @ held(3))[:, 2] < 0.2][:8], held(3), 1):
+        state, belief = machine.update(state, percept)
+    samples, found = belief.samples, state.posterior.probabilities()
+    assert samples.weight[samples.owner == 0].sum() == pytest.approx(found[0])
+    assert samples.weight[samples.owner == 1].sum() == pytest.approx(found[1])
+    near = np.degrees(rotation_angle(samples.rotation, held(3)))
+    assert np.average(near, weights=samples.weight) < 15.0
+    np.testing.assert_array_equal(samples.seen, state.views)
+    assert samples.independent_rad == pytest.approx(np.radians(10.0))
+
+
+# ---- looks from where it has looked before ----
+
+
+def test_a_look_from_where_it_was_looked_from_before_adds_a_tenth() -> None:
+    machine = interpreter(model("a", 1), model("b", 2), options=FilterOptions(motion_noise_deg=0.0, floor=200.0))
+    first, *_, last = views = looks(1, 4, step_deg=30.0)
+    percepts = seen(np.array([*views, first]), held(1), 1)
+    state = machine.start()
+    for percept in percepts[:-1]:
+        state, _ = machine.update(state, percept)
+    again, _ = machine.update(state, percepts[-1])
+    assert state.shares == pytest.approx(np.ones(4))
+    assert again.shares == pytest.approx([1.0, 1.0, 1.0, 1.0, REPEATED])
+    look = machine.predictions.project(percepts[-1].feature)
+    likelihood = machine.predictions.log_likelihood(look, state.posterior.active, state.calm)
+    cells = machine.grid.cells(first)
+    gained = again.posterior.log_p + again.posterior.evidence - state.posterior.log_p - state.posterior.evidence
+    kept = state.posterior.log_p > state.posterior.log_p.max() - 100.0
+    np.testing.assert_allclose(gained[kept], REPEATED * likelihood[:, cells][kept], atol=1e-3)
+    assert angle_between(first, last) > np.radians(10.0)
+
+
+def test_a_look_after_half_the_angle_counts_half() -> None:
+    machine = interpreter(model("a", 1), model("b", 2))
+    state = machine.start()
+    for percept in seen(looks(1, 4, step_deg=5.0), held(1), 1):
+        state, _ = machine.update(state, percept)
+    assert state.shares == pytest.approx([1.0, 0.5, 0.5, 0.5], abs=1e-3)
+
+
+# ---- slips ----
+
+
+def lost_between(poses: list[int], machine: FilterInterpreter) -> tuple[FilterState, list[Interpretation]]:
+    """Object 1 held in one pose after the other, for 12 looks each, and three looks at a hand in between."""
+    state = machine.start()
+    beliefs: list[Interpretation] = []
+    views = looks(2, 15 * len(poses), step_deg=15.0)
+    for part, pose in zip(np.split(views, len(poses)), poses, strict=True):
+        hand = seen(part[:3], held(pose), 9) if beliefs else []
+        for percept in [*hand, *seen(part[3:], held(pose), 1)]:
+            state, belief = machine.update(state, percept)
+            beliefs.append(belief)
+    return state, beliefs
+
+
+def test_when_looks_stop_to_fit_the_pose_is_searched_anew_and_that_is_said() -> None:
+    state, beliefs = lost_between([2, 11], interpreter(model("a", 1), model("b", 2)))
+    (when,) = [n for n, belief in enumerate(beliefs) if belief.estimate.note]
+    assert 12 <= when < 15  # while the hand was there
+    assert [belief.fresh for belief in beliefs] == [n == when for n in range(len(beliefs))]
+    assert "slipped" in beliefs[when].estimate.note
+    assert "its pose is searched anew" in beliefs[when].estimate.note
+    assert state.slips == 1
+    assert state.count == len(beliefs)
+    assert len(state.views) == len(state.looks) == len(state.shares) == state.count - when  # older looks do not count
+    assert state.posterior.probabilities()[0] > 0.99
+    assert np.degrees(rotation_angle(beliefs[-1].rotations[0], held(11))) < 10.0
+    before, after = (
+        [belief.conclusion.reason for belief in part if belief.conclusion] for part in (beliefs[:when], beliefs[when:])
+    )
+    assert after
+    assert all(reason.endswith("looks, its pose lost once") for reason in after)
+    assert not any("lost" in reason for reason in before)
+
+
+@pytest.mark.parametrize("limit", [0, 1, 2])
+def test_a_pose_may_be_lost_so_often_and_no_more(limit: int) -> None:
+    machine = interpreter(model("a", 1), model("b", 2), options=FilterOptions(slips=limit))
+    state, beliefs = lost_between([2, 11, 20, 33], machine)
+    assert sum(bool(belief.estimate.note) for belief in beliefs) == state.slips == limit
+    reasons = [belief.conclusion.reason for belief in beliefs if belief.conclusion]
+    assert any("2 of its poses lost on the way" in reason for reason in reasons) == (limit == 2)
+    assert any("lost" in reason for reason in reasons) == (limit > 0)
+
+
+def test_an_object_that_never_fitted_has_not_slipped() -> None:
+    machine = interpreter(model("a", 1), model("b", 2))
+    state = machine.start()
+    for percept in seen(looks(5, 12), held(5), 9):
+        state, belief = machine.update(state, percept)
+        assert belief.estimate.note == ""
+    assert state.slips == 0
