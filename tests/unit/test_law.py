@@ -63,15 +63,6 @@ def test_it_is_a_density(dimensions: int, freedom: float) -> None:
     assert total == pytest.approx(1.0, abs=1e-3)
 
 
-def test_a_scale_of_its_own_for_every_residual_is_another_law() -> None:
-    distance2 = np.array([0.0, 0.5, 3.0, 100.0], np.float32)
-    scale2 = np.array([0.2, 1.0, 5.0, 9.0], np.float32)
-    mixed = Law(4, 6.0, 2.0).log(distance2, scale2)
-    each = [Law(4, 6.0, float(own)).log(one) for one, own in zip(distance2, scale2, strict=True)]
-    np.testing.assert_allclose(mixed, each, rtol=1e-5)
-    np.testing.assert_allclose(Law(4, 6.0, 2.0).log(distance2), Law(4, 6.0, 2.0).log(distance2, np.full(4, 2.0)))
-
-
 def test_residuals_of_nothing_give_a_law_that_can_be_used() -> None:
     law = Law.fit(np.zeros(10), 3)
     assert np.isfinite(law.log(np.array([0.0, 1.0]))).all()

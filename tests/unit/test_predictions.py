@@ -117,24 +117,6 @@ def lost_aside(predictions: Predictions, candidate: int, cells: Array) -> float:
     return float(np.mean(lost))
 
 
-def test_of_two_candidates_the_one_with_noisier_trials_forgives_more() -> None:
-    predictions = Predictions([model("a", 1, noise=0.2, disturbed=0.2), model("b", 2, noise=0.4, disturbed=0.4)])
-    careful, careless = (lost_aside(predictions, candidate, cell_of(*ANYWHERE.T)) for candidate in range(2))
-    assert careful > 1.02 * careless > 0.0
-
-
-def test_where_trials_were_noisier_a_model_forgives_more() -> None:
-    """One half of the object is hard to see: its cells have a scale of their own."""
-    one = model("a", 1, noise=0.05, disturbed=0.05)
-    assert one.trials is not None
-    above = one.trials.directions[:, 2] > 0.0
-    worse = np.where(above[:, None], noisy(painted(one.trials.directions, 1), 0.2, 5), one.trials.features)
-    predictions = Predictions([replace(one, trials=replace(one.trials, features=worse))])
-    height = cell_directions()[:, 2]
-    careless, careful = (lost_aside(predictions, 0, np.flatnonzero(side * height > 0.95)) for side in (1.0, -1.0))
-    assert careful > 1.005 * careless > 0.0
-
-
 def test_a_clean_look_speaks_for_calm_and_a_spoilt_one_against_it() -> None:
     predictions = learned(noise=0.1, disturbed=0.5)
     for seed, view in enumerate(ANYWHERE):

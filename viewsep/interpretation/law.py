@@ -25,9 +25,9 @@ class Law:
     freedom: float
     scale2: float
 
-    def log(self, distance2: Array, scale2: Array | None = None) -> Array:
-        """(...) squared distances -> (...) float32 log densities; with `scale2` (...) in the place of its own."""
-        scale = np.asarray(self.scale2 if scale2 is None else scale2, np.float32)
+    def log(self, distance2: Array) -> Array:
+        """(...) squared distances -> (...) float32 log densities."""
+        scale = np.float32(self.scale2)
         power = np.float32(-0.5 * (self.freedom + self.dimensions))
         constant = np.float32(self._constant) - np.float32(0.5 * self.dimensions) * np.log(scale)
         density: Array = constant + power * np.log1p(distance2 / (np.float32(self.freedom) * scale))

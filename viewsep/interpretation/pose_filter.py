@@ -118,7 +118,7 @@ class FilterInterpreter:
             looks=np.concatenate([state.looks, look[None]]),
             views=np.concatenate([state.views, view[None]]),
             shares=np.append(state.shares, share),
-            gains=np.concatenate([state.gains, (seen.log_shares() - before.log_shares())[None]]),
+            gains=np.concatenate([state.gains, _gains(before, seen)[None]]),
             count=state.count + 1,
         )
         slipped = state.settled and self._lost(after.posterior) and state.slips < self.options.slips
@@ -181,7 +181,7 @@ class FilterInterpreter:
             looks=look[None],
             views=view[None],
             shares=np.ones(1),
-            gains=(seen.log_shares() - opened.log_shares())[None],
+            gains=_gains(opened, seen)[None],
             slips=before.slips + 1,
         )
 
@@ -331,3 +331,9 @@ class FilterInterpreter:
             state.views,
             self._independent_rad,
         )
+
+
+def _gains(before: Posterior, after: Posterior) -> Array:
+    """(K + 1,) by how much the logarithms of probabilities rose; 0 of what is ruled out from the start."""
+    with np.errstate(invalid="ignore"):
+        return np.asarray(np.nan_to_num(after.log_shares() - before.log_shares(), nan=0.0))

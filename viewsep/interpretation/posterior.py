@@ -22,7 +22,7 @@ class Posterior:
     """Logarithms of probabilities that sum to 1 over all candidates and `none` of them.
 
     `active` (A,) are the candidates whose rotations are followed, in order, `log_p` (A, G) float32; `parked` (K,) are
-    estimates from above of the others' probabilities, -inf for active ones. `evidence` is what was taken off all of
+    estimates of the others' probabilities, -inf for active ones. `evidence` is what was taken off all of
     them so that they sum to 1.
     """
 
@@ -54,7 +54,7 @@ class Posterior:
         """The same with a sum of 1; a rotation's logarithm falls no further than `floor` below the best one's."""
         top = max(float(self.log_p.max()), self.none)
         log_p = np.maximum(self.log_p - np.float32(top), np.float32(-floor))
-        none = max(self.none - top, -floor)
+        none = max(self.none - top, -floor) if np.isfinite(self.none) else self.none
         parked = self.parked - top
         total = np.exp(log_p).sum(dtype=np.float64) + np.exp(none) + np.exp(parked).sum()
         log_total = float(np.log(total))
@@ -81,8 +81,9 @@ class Posterior:
             return self
         p = np.exp(self.log_p)
         around = p[:, neighbours_of(grid)].mean(axis=2)
-        mixed = np.log((1.0 - np.float32(share)) * p + np.float32(share) * around + np.float32(1e-30))
-        return replace(self, log_p=mixed)
+        mixed = (1.0 - np.float32(share)) * p + np.float32(share) * around
+        mixed *= p.sum(axis=1, keepdims=True) / mixed.sum(axis=1, keepdims=True)  # being a neighbour is not mutual
+        return replace(self, log_p=np.log(mixed + np.float32(1e-30)))
 
 
 @cache
@@ -125,4 +126,5 @@ class RotationGrid:
         trace = self._flat @ mean.ravel().astype(np.float32)
         angle = np.arccos(np.clip((trace - 1.0) / 2.0, -1.0, 1.0))
         spread = float((weight * angle * angle).sum(dtype=np.float64) / weight.sum(dtype=np.float64))
-        return mean, spread
+        half_a_step = 0.5 * spacing_rad_of(len(self.rotations))
+        return mean, spread + half_a_step**2

@@ -17,8 +17,7 @@ from viewsep.models.aspect_graph import AspectGraph
 CALM, DISTURBED = 0, 1
 TEMPERS = tuple(np.round(np.geomspace(0.05, 0.5, 12), 4))
 TEMPERED_ON, NEAR_RAD = 240, np.radians(8.0)
-REGION_RAD, REGION_PRIOR, MODEL_PRIOR = np.radians(20.0), 8.0, 16.0
-"""A region's scale is that of the trials around it and of `REGION_PRIOR` ones like the model's, and so on."""
+HEAVIER = 0.5  # degrees of freedom of what is none of them, of the laws': far from everything it is the likeliest
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -48,14 +47,16 @@ class Predictions:
         self.views = np.concatenate(views)  # (N, M)
         self._views_norm2: Array = np.einsum("ne,ne->n", self.views, self.views)
         self.starts = np.cumsum([0, *(len(model.directions) for model in models[:-1])])
+        self._edges, self._edge_starts = _edges_of(models, self.starts)
+        apart = self.views[self._edges[:, 0]] - self.views[self._edges[:, 1]]
+        self._edge_length2: Array = np.maximum(np.einsum("ne,ne->n", apart, apart), np.float32(1e-12))
         self._node = np.stack([part.node + start for part, start in zip(parts, self.starts, strict=True)])
         self._weight = np.stack([part.weight for part in parts])
         self._covered = np.stack([part.covered for part in parts])
         self._norm2 = np.stack([self._predicted_norm2(k) for k in range(len(models))])
         measured = [_measured(residual, self.metric) for residual in residuals]
         self.laws = _laws(measured, self.dimensions)
-        self._scale = np.stack([_scales(one, self.laws) for one in measured])
-        self._of_others, self._volume = _others(self.views)
+        self._of_others, self._volume = _others(self.views, self.laws)
         self.temper = self._best_temper(measured)
 
     @property
@@ -81,22 +82,28 @@ class Predictions:
         `calm` is the probability that looks are as clean as the models' views. Where a model has no view close enough,
         the look is as likely as one at any object.
         """
-        seen = self._mixed(self.distance2(look, candidates), self._scale[candidates], calm)
+        seen = self._mixed(self.distance2(look, candidates), calm)
         return np.where(self._covered[candidates], seen, np.float32(self.log_of_others(look)))
 
     def best_log_likelihood(self, look: Array, calm: float) -> Array:
-        """(M,) projected look -> (K,) float32 at the most similar view of every candidate."""
-        distance2 = look @ look - 2.0 * (self.views @ look) + self._views_norm2
-        nearest = np.minimum.reduceat(np.maximum(distance2, 0.0), self.starts)
-        return self._mixed(nearest, np.ones(len(nearest), np.float32), calm)
+        """(M,) projected look -> (K,) float32 at the most similar mixture of two neighbouring views."""
+        return self._mixed(self._nearest2(look), calm)
 
     def fit(self, look: Array) -> Array:
-        """(M,) projected look -> (K,) how well it fits the most similar view of every candidate: 1 exactly, 0 not."""
+        """(M,) projected look -> (K,) how well it fits the most similar mixture of two views: 1 exactly, 0 not."""
         law = self.laws[DISTURBED]
-        distance2 = look @ look - 2.0 * (self.views @ look) + self._views_norm2
-        nearest = np.minimum.reduceat(np.maximum(distance2, 0.0), self.starts)
-        fit: Array = 1.0 / (1.0 + nearest / (law.dimensions * law.scale2))
+        fit: Array = 1.0 / (1.0 + self._nearest2(look) / (law.dimensions * law.scale2))
         return fit
+
+    def _nearest2(self, look: Array) -> Array:
+        """(K,) squared distances to the lines between neighbouring views."""
+        product, (a, b) = self.views @ look, self._edges.T
+        of_a = self._views_norm2[a] - 2.0 * product[a]
+        of_b = self._views_norm2[b] - 2.0 * product[b]
+        share = np.clip(0.5 + (of_a - of_b) / (2.0 * self._edge_length2), 0.0, 1.0)
+        distance2 = (1.0 - share) * of_a + share * of_b - share * (1.0 - share) * self._edge_length2
+        nearest: Array = np.minimum.reduceat(distance2, self._edge_starts) + look @ look
+        return np.maximum(nearest, 0.0)
 
     def log_of_others(self, look: Array) -> float:
         """The tempered log-likelihood of a look at an object that is no candidate: the law of all candidates' views."""
@@ -109,8 +116,7 @@ class Predictions:
         """The logarithm of how much more likely a look is as a disturbed one than as a clean one, from a cell."""
         shown = self.prediction(candidate, np.array([cell]))[0]
         distance2 = np.atleast_1d((look - shown) @ (look - shown))
-        scale = self._scale[candidate, cell]
-        calm, disturbed = (float(law.log(distance2, law.scale2 * scale)[0]) for law in self.laws)
+        calm, disturbed = (float(law.log(distance2)[0]) for law in self.laws)
         return self.temper * (disturbed - calm)
 
     def prediction(self, candidate: int, cells: Array) -> Array:
@@ -124,16 +130,16 @@ class Predictions:
         shown = self.prediction(candidate, distinct)
         distance2 = (looks * looks).sum(axis=1)[:, None] - 2.0 * looks @ shown.T + (shown * shown).sum(axis=1)
         at = np.take_along_axis(distance2, place.reshape(cells.shape).T, axis=1).T
-        return self._mixed(np.maximum(at, 0.0), np.ones(1, np.float32), 0.5).astype(np.float64)
+        return self._mixed(np.maximum(at, 0.0), 0.5).astype(np.float64)
 
     def known(self, candidate: int, cells: Array) -> Array:
         """(N,) cells -> (N,) bool: whether the candidate has views there."""
         covered: Array = self._covered[candidate, cells]
         return covered
 
-    def _mixed(self, distance2: Array, scale: Array, calm: float) -> Array:
+    def _mixed(self, distance2: Array, calm: float) -> Array:
         logs = [
-            np.float32(np.log(max(share, 1e-12))) + law.log(distance2, np.float32(law.scale2) * scale)
+            np.float32(np.log(max(share, 1e-12))) + law.log(distance2)
             for law, share in zip(self.laws, (calm, 1.0 - calm), strict=True)
         ]
         mixed: Array = np.float32(self.temper) * np.logaddexp(*logs)
@@ -153,7 +159,7 @@ class Predictions:
             one = measured[k]
             for r in np.unique(np.linspace(0, len(one.level) - 1, min(each, len(one.level))).astype(int)):
                 law = self.laws[one.level[r]]
-                log = law.log(self.distance2(one.looks[r], np.array([k]))[0], law.scale2 * self._scale[k])
+                log = law.log(self.distance2(one.looks[r], np.array([k]))[0])
                 near = cell_directions() @ cell_directions()[one.cell[r]] > np.cos(NEAR_RAD)
                 powers = np.outer(TEMPERS, np.where(self._covered[k], log - log.max(), -np.inf))
                 found = np.exp(powers)
@@ -204,23 +210,19 @@ def _laws(measured: Sequence[_Measured], dimensions: int) -> tuple[Law, Law]:
     return calm, disturbed
 
 
-def _scales(measured: _Measured, laws: Sequence[Law]) -> Array:
-    """(CELLS,) float32 by which a model's scale differs from the library's around every cell."""
-    ratio = np.empty(len(measured.level))
-    for kind, law in enumerate(laws):
-        here = measured.level == kind
-        distance2 = measured.distance2[here]
-        ratio[here] = law.weight(distance2) * distance2 / (law.dimensions * law.scale2)
-    own = (ratio.sum() + MODEL_PRIOR) / (len(ratio) + MODEL_PRIOR)
-    angle = np.arccos(np.clip(cell_directions() @ cell_directions()[measured.cell].T, -1.0, 1.0))
-    kernel = np.exp(-0.5 * (angle / REGION_RAD) ** 2)
-    around = (kernel @ ratio + REGION_PRIOR * own) / (kernel.sum(axis=1) + REGION_PRIOR)
-    scales: Array = around.astype(np.float32)
-    return scales
-
-
-def _others(views: Array) -> tuple[Law, Array]:
-    """The law of all candidates' views (N, M), and their variance (M,)."""
+def _others(views: Array, laws: Sequence[Law]) -> tuple[Law, Array]:
+    """The law of all candidates' views (N, M), with a heavier tail than looks at them have, and their variance (M,)."""
     variance = np.maximum(views.var(axis=0, dtype=np.float64), 1e-9).astype(np.float32)
-    law = Law.fit((views**2 / variance).sum(axis=1).astype(np.float64), views.shape[1])
+    freedom = HEAVIER * min(law.freedom for law in laws)
+    law = Law.fit((views**2 / variance).sum(axis=1).astype(np.float64), views.shape[1], [freedom])
     return law, variance
+
+
+def _edges_of(models: Sequence[AspectGraph], starts: Array) -> tuple[Array, Array]:
+    """(E, 2) neighbouring views of all models, and (K,) where each model's begin; a view alone is its own neighbour."""
+    edges = [
+        model.edges if len(model.edges) else np.repeat(np.arange(len(model.directions))[:, None], 2, axis=1)
+        for model in models
+    ]
+    begin = np.cumsum([0, *(len(part) for part in edges[:-1])])
+    return np.concatenate([part + start for part, start in zip(edges, starts, strict=True)]), begin

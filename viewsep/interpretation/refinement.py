@@ -13,6 +13,7 @@ from viewsep.messages import Array, FloatArray
 
 REACH_DEG, STEP_DEG = 12.0, 3.0  # of the rotations that are tried
 LATEST = 16  # looks that judge them
+MODEL_ERROR_DEG = 3.0  # by which poses are off even where all looks agree: models are no better between their views
 LEAST_SHARE = 0.3  # of evidence of its own, for a look to be among them
 
 
@@ -41,4 +42,4 @@ def refined(
     mean = weight @ vectors
     spread = float(weight @ ((vectors - mean) ** 2).sum(axis=1))
     better: FloatArray = Rotation.from_rotvec(mean).as_matrix() @ rotation
-    return better, spread + np.radians(STEP_DEG) ** 2 / 4.0
+    return better, spread + np.radians(MODEL_ERROR_DEG) ** 2

@@ -9,7 +9,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from viewsep.geometry import angle_between, equidistant_sphere
+from viewsep.geometry import angle_between, fibonacci_sphere
 from viewsep.interfaces import Conclusion, Interpretation, NextView, PoseSamples
 from viewsep.interpretation.predictions import predictions_of
 from viewsep.messages import FloatArray, Outcome, Phase
@@ -66,7 +66,7 @@ class InformationPlanner:
         every = max(1, len(reachable.directions) // self.options.views)
         self._views = reachable.directions[::every]
         self._view_of = np.argmax(reachable.directions @ self._views.T, axis=1)  # of every direction the nearest
-        self._anywhere = equidistant_sphere(UNREACHABLE_VIEWS)
+        self._anywhere = fibonacci_sphere(UNREACHABLE_VIEWS)
 
     def start(self, seed: int, view_direction: FloatArray) -> tuple[InformationState, NextView]:
         """Where the rig is: any view is as good as another before the first look."""
@@ -111,8 +111,9 @@ class InformationPlanner:
         far = np.cumsum(angle_between(np.vstack([here, path[:-1]]), path))
         good = bits[np.argmax(path @ self._views.T, axis=1)]
         first = int(np.argmax(good >= 0.5 * good.max()))
-        shortest, longest = np.searchsorted(far, [self._step_rad - 1e-6, np.radians(self.options.longest_deg)])
-        view = path[min(max(first, int(shortest)), int(longest), len(path) - 1)]
+        shortest = int(np.searchsorted(far, self._step_rad - 1e-6))
+        longest = max(0, int(np.searchsorted(far, np.radians(self.options.longest_deg) + 1e-6)) - 1)
+        view = path[min(max(first, shortest), longest, len(path) - 1)]
         return NextView(view, Phase.APPROACHING, target, arrives=True)  # it waits there for a look
 
     def _concluded(self, belief: Interpretation) -> Conclusion | None:

@@ -55,9 +55,10 @@ def _shown(predictions: Predictions, samples: PoseSamples, views: FloatArray) ->
 
 def _overlap(predictions: Predictions, shown: Array) -> FloatArray:
     """(V, S, S) in (0, 1]: how alike looks at two samples would be; 1 when they cannot be told apart."""
+    shown = shown - shown.mean(axis=1, keepdims=True)  # large equal parts would cancel badly
     norm2 = np.einsum("vse,vse->vs", shown, shown)
     distance2 = norm2[:, :, None] + norm2[:, None, :] - 2.0 * shown @ shown.transpose(0, 2, 1)
-    half_way = 0.25 * np.maximum(distance2, 0.0)
+    half_way = 0.25 * np.maximum(distance2 * (1.0 - np.eye(shown.shape[1], dtype=np.float32)), 0.0)
     nothing = np.zeros(1, np.float32)
     overlaps = [np.exp(predictions.temper * (law.log(half_way) - law.log(nothing))) for law in predictions.laws]
     overlap: FloatArray = np.mean(overlaps, axis=0).astype(np.float64)

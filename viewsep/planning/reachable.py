@@ -107,9 +107,12 @@ class ReachableViews:
             return node, there, length
         first, *last = np.asarray(self._tree.query(np.vstack([start, ends]))[1]).tolist()
         along, before = dijkstra(self._graph, directed=False, indices=[first], return_predecessors=True)
-        for v in np.flatnonzero(~passable):
+        ways = {v: self._thinned(_back(before.ravel(), first, last[v]), step_rad) for v in np.flatnonzero(~passable)}
+        more = max(len(way) for way in ways.values()) - there.shape[1]
+        if more > 0:
+            node, there = (np.pad(part, ((0, 0), (0, more))) for part in (node, there))
+        for v, way in ways.items():
             length[v] = along.ravel()[last[v]]
-            way = self._thinned(_back(before.ravel(), first, last[v]), step_rad)[: there.shape[1]]
             node[v, : len(way)] = way
             there[v] = np.arange(there.shape[1]) < len(way)
         return node, there, length
