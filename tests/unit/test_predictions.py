@@ -106,17 +106,6 @@ def test_learned_from_noisier_trials_a_noisy_look_is_less_of_a_surprise() -> Non
     assert careful > 3.0 * careless > 0.0
 
 
-def lost_aside(predictions: Predictions, candidate: int, cells: Array) -> float:
-    """How much less likely looks are aside of what a candidate shows in the cells than there, on average."""
-    aside = 3.0 * np.eye(predictions.dimensions)[0]
-    candidates = np.array([candidate])
-    lost = []
-    for at, cell in zip(predictions.prediction(candidate, cells), cells, strict=True):
-        there, beside = (predictions.log_likelihood(look, candidates, 0.5)[0, cell] for look in (at, at + aside))
-        lost.append(there - beside)
-    return float(np.mean(lost))
-
-
 def test_a_clean_look_speaks_for_calm_and_a_spoilt_one_against_it() -> None:
     predictions = learned(noise=0.1, disturbed=0.5)
     for seed, view in enumerate(ANYWHERE):
