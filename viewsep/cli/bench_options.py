@@ -33,7 +33,7 @@ Preset = Annotated[
 ]
 DescriptorName = Annotated[
     str | None,
-    typer.Option("--descriptor", help="Feature of a view: NAME or NAME:key=value,...", show_default="cch"),
+    typer.Option("--descriptor", help="Feature of a view: NAME or NAME:key=value,...", show_default="opponent+rings"),
 ]
 PoseTolerance = Annotated[
     float | None,

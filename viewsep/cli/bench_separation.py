@@ -25,10 +25,10 @@ def separation(
     candidates: asking.Candidates = 2,
     unknown_fraction: asking.UnknownFraction = 0.0,
     interpreter: Annotated[
-        str | None, typer.Option(help="Interpreters to compare, by name, comma-separated.", show_default="path")
+        str | None, typer.Option(help="Interpreters to compare, by name, comma-separated.", show_default="filter")
     ] = None,
     planner: Annotated[
-        str | None, typer.Option(help="Planners to compare, by name, comma-separated.", show_default="separating")
+        str | None, typer.Option(help="Planners to compare, by name, comma-separated.", show_default="information")
     ] = None,
     measures: Annotated[
         str, typer.Option(help="What may rate path hypotheses; several are compared, the first one counts.")

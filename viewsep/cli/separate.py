@@ -30,8 +30,8 @@ def separate(
     truth: Annotated[str | None, typer.Option(help="Candidate that the simulated rig holds.")] = None,
     source: Annotated[str | None, typer.Option("--object", help="Any object for the simulated rig to hold.")] = None,
     candidates: Annotated[str | None, typer.Option(help="Comma-separated names.", show_default="all models")] = None,
-    interpreter: Annotated[str | None, typer.Option(help="Interpreter by name.", show_default="path")] = None,
-    planner: Annotated[str | None, typer.Option(help="Planner by name.", show_default="separating")] = None,
+    interpreter: Annotated[str | None, typer.Option(help="Interpreter by name.", show_default="filter")] = None,
+    planner: Annotated[str | None, typer.Option(help="Planner by name.", show_default="information")] = None,
     pose_tolerance: PoseTolerance = None,
     seed: Annotated[
         int, typer.Option(min=0, max=MAX_SEED, help="Seed of grasp, start view, direction and disturbances.")
