@@ -88,7 +88,7 @@ def test_every_kind_is_read(kind: Kind, text: str, options: dict[str, Any]) -> N
         ("interpreter", "", "the name is missing: write NAME or NAME:key=value,key=value"),
         ("interpreter", ":variant=initial", "the name is missing"),
         ("interpreter", "paths", "no interpreter is called 'paths': choose one of .*path"),
-        ("planner", "path", "no planner is called 'path': choose one of off, .*separating.*, or install"),
+        ("planner", "path", "no planner is called 'path': choose one of .*off, .*separating.*, or install"),
         ("interpreter", "path:", "'' is not key=value"),
         ("interpreter", "path:variant", "'variant' is not key=value"),
         ("interpreter", "path:=initial", "'=initial' is not key=value"),
