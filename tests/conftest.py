@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import hypothesis
+import one_thread  # noqa: F401 - before numpy
 import pytest
 from seed_method import SEED, seed_config
 from shell import Shell
@@ -59,7 +60,7 @@ def shell(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -
 @pytest.fixture(scope="session")
 def look_alikes(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A library with two generated boxes that differ in one face."""
-    return learned(tmp_path_factory.mktemp("library"), 48, Config())
+    return learned(tmp_path_factory.mktemp("library"), 60, Config())
 
 
 @pytest.fixture(scope="session")

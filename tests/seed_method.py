@@ -1,4 +1,4 @@
-"""The seed's own method in one place: for tests of path hypotheses and separating views, and of tasks with many looks."""
+"""The seed's own method in one place, for tests of path hypotheses and separating views and for tasks of many looks."""
 
 from __future__ import annotations
 
@@ -13,6 +13,8 @@ SEED: Mapping[str, Mapping[str, Any]] = {
     "planner": {"name": "separating"},
 }
 SEED_TOML = "".join(f'[{section}]\nname = "{table["name"]}"\n' for section, table in SEED.items())
+SEED_OPTIONS = ("--interpreter", "path", "--planner", "separating")
+"""The same for `viewsep separate`, on models with any descriptor."""
 
 
 def seed_config(**sections: Mapping[str, Any]) -> Config:

@@ -194,7 +194,7 @@ def simulated(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Recor
     def config(preset: str) -> Config:
         return parse_config({"rig": {"preset": preset}, "camera": {"size_px": 64}, "task": {"max_looks": 40}}, "test")
 
-    models = [learn_object(source, name, 30, config("gimbal")) for name, source in sources.items()]
+    models = [learn_object(source, name, 24, config("gimbal")) for name, source in sources.items()]
 
     @cache
     def run(preset: str) -> Recording:

@@ -453,7 +453,7 @@ SOURCES = ("generated:7", "generated:7:twin=face")
 @pytest.fixture(scope="module")
 def learned() -> list[AspectGraph]:
     names = names_for(SOURCES, None)
-    found = learn_objects(SOURCES, names, 30, Config(), jobs=1)
+    found = learn_objects(SOURCES, names, 24, Config(), jobs=1)
     return sorted(found, key=lambda model: model.name)
 
 
