@@ -259,7 +259,7 @@ CASES: dict[str, Case] = {
     "model without provenance": Case("models lib", "key 'provenance' is incomplete", other_header("provenance", {})),
     "models of two descriptors": Case(
         SEPARATE,
-        "'tea' was learned with descriptor opponent.rings .*'rings.rings': 8.*configuration says opponent.rings .*: learn",
+        "'tea' was learned with descriptor opponent.rings .*'rings.rings': 8.*says opponent.rings .*: learn it",
         relearned(descriptor_parameters=OTHER),
     ),
     "config of another descriptor": Case(
@@ -436,6 +436,9 @@ CASES: dict[str, Case] = {
     "bench twins and pairs": Case(f"{BENCH} --twins face", "--twins generates objects: leave out --pairs"),
     "bench candidates": Case("bench separation --candidates 21", "--candidates 21 needs 21 objects, but there are 20"),
     "bench measures": Case("bench separation --interpreter path --measures w1,w7", "--measures 'w7' is none of w0"),
+    "bench measures of a posterior": Case(
+        "bench separation --measures w1", "--measures 'w1' is about path hypotheses: add --interpreter path"
+    ),
     "bench measures twice": Case(
         "bench separation --interpreter path --measures w1,w1", "--measures 'w1,w1': separate different names"
     ),
