@@ -8,7 +8,9 @@ from pathlib import Path
 from typing import Any
 
 import hypothesis
+import one_thread  # noqa: F401 - before numpy
 import pytest
+from seed_method import SEED, seed_config
 from shell import Shell
 
 from viewsep.config import Config
@@ -58,9 +60,18 @@ def shell(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -
 @pytest.fixture(scope="session")
 def look_alikes(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A library with two generated boxes that differ in one face."""
+    return learned(tmp_path_factory.mktemp("library"), 60, Config())
+
+
+@pytest.fixture(scope="session")
+def seed_look_alikes(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The same boxes as the seed's method knows them."""
+    return learned(tmp_path_factory.mktemp("seed_library"), 60, seed_config())
+
+
+def learned(folder: Path, views: int, config: Config) -> Path:
     pytest.importorskip("pybullet", reason="needs pybullet, which has wheels for CPython 3.11 only")
-    folder = tmp_path_factory.mktemp("library")
-    for model in learn_objects(LOOK_ALIKES, names_for(LOOK_ALIKES, None), 60, Config()):
+    for model in learn_objects(LOOK_ALIKES, names_for(LOOK_ALIKES, None), views, config):
         library.save(model, folder)
     return folder
 
@@ -70,3 +81,9 @@ def settings(look_alikes: Path, tmp_path: Path) -> Mapping[str, Any]:
     """A simulated rig whose time runs ten times as fast as ours."""
     service = {"name": "bench", "library": str(look_alikes), "recordings": str(tmp_path / "recordings"), "speed": 10.0}
     return {"camera": {"rate_hz": 8.0}, "service": service}
+
+
+@pytest.fixture
+def seed_settings(settings: Mapping[str, Any], seed_look_alikes: Path) -> Mapping[str, Any]:
+    """The same rig with the seed's method, whose tasks have many looks: long enough for something to go wrong."""
+    return {**settings, **SEED, "service": {**settings["service"], "library": str(seed_look_alikes)}}

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+from seed_method import seed_config
 
-from viewsep.config import parse_config
 from viewsep.descriptors.cch import ColourCooccurrence
 from viewsep.geometry import delaunay_edges, equidistant_sphere, great_circle
 from viewsep.messages import Array, Frame, Message, MoveSettled, Percept, PerceptReceived, TaskStarted
@@ -55,8 +55,7 @@ def record(
     """The recording of what was heard, with one random model a name, or so many candidates."""
     names = names or [f"object_{i}" for i in range(candidates)]
     models = [model(name, i + 1) for i, name in enumerate(names)]
-    config = parse_config({"descriptor": {"name": DESCRIPTOR.name}}, "test")
-    with task_recorder(path, config, models, 3, truth) as recorder:
+    with task_recorder(path, seed_config(), models, 3, truth) as recorder:
         for stamp_ns, message in enumerate(heard):
             recorder.hear(stamp_ns, message)
     return read_recording(path)

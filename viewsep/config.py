@@ -102,19 +102,19 @@ class PluginConfig(Section):
 class DescriptorConfig(PluginConfig):
     """The feature of a view."""
 
-    name: str = Field(default="cch", min_length=1)
+    name: str = Field(default="opponent+rings", min_length=1)
 
 
 class InterpreterConfig(PluginConfig):
     """The method that turns percepts into poses and ratings."""
 
-    name: str = Field(default="path", min_length=1)
+    name: str = Field(default="filter", min_length=1)
 
 
 class PlannerConfig(PluginConfig):
     """The method that chooses the next view."""
 
-    name: str = Field(default="separating", min_length=1)
+    name: str = Field(default="information", min_length=1)
 
 
 class TaskConfig(Section):

@@ -38,9 +38,13 @@ STOPPED_S = 3.0
 
 
 @pytest.fixture
-def short(settings: Mapping[str, Any]) -> Mapping[str, Any]:
+def short(seed_settings: Mapping[str, Any]) -> Mapping[str, Any]:
     """Tasks of a few seconds; a move may wait for as long as the rig is out of reach, on a clock that runs fast."""
-    return {**settings, "task": {"max_looks": 40, "move_timeout_s": 200.0}, "camera": {"rate_hz": 8.0, "size_px": 64}}
+    return {
+        **seed_settings,
+        "task": {"max_looks": 40, "move_timeout_s": 200.0},
+        "camera": {"rate_hz": 8.0, "size_px": 64},
+    }
 
 
 def say(what: str, seconds: float) -> None:

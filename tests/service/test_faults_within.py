@@ -59,9 +59,9 @@ class BuggyDriver:
 
 
 @pytest.fixture
-def short(settings: Mapping[str, Any]) -> Mapping[str, Any]:
+def short(seed_settings: Mapping[str, Any]) -> Mapping[str, Any]:
     """Tasks of a few seconds."""
-    return {**settings, "camera": {"rate_hz": 8.0, "size_px": 64}, "task": {"max_looks": 40}}
+    return {**seed_settings, "camera": {"rate_hz": 8.0, "size_px": 64}, "task": {"max_looks": 40}}
 
 
 def room(service: Serving, file_bytes: int) -> None:

@@ -29,11 +29,14 @@ def crossed(recording: Path) -> list[bytes]:
     return [to_bytes(message) for message in messages if not isinstance(message, JointState)]
 
 
-@pytest.mark.parametrize(("interpreter", "fewest"), [("path", 100), pytest.param("filter", 10, marks=pytest.mark.long)])
+@pytest.mark.parametrize(
+    ("chosen", "fewest"), [("seed_settings", 100), pytest.param("settings", 10, marks=pytest.mark.long)]
+)
 def test_two_processes_give_the_bytes_of_one(
-    settings: Mapping[str, Any], tmp_path: Path, interpreter: str, fewest: int
+    request: pytest.FixtureRequest, tmp_path: Path, chosen: str, fewest: int
 ) -> None:
-    stepped = {**settings, "interpreter": {"name": interpreter}, "service": {**settings["service"], "speed": 0.0}}
+    settings = request.getfixturevalue(chosen)
+    stepped = {**settings, "service": {**settings["service"], "speed": 0.0}}
     alone = result_of(Serving(tmp_path / "one", stepped), seed=1)
     apart = result_of(*split(stepped, tmp_path / "two", recordings=str(tmp_path / "apart")), seed=1)
     assert alone.outcome == "identified"

@@ -23,11 +23,14 @@ from viewsep.learning import learn_view_set
 from viewsep.messages import JointState
 from viewsep.models import library
 from viewsep.models.aspect_graph import AspectGraph, Provenance
+from viewsep.plugins import make_descriptor
 from viewsep.recording import task_recorder
 from viewsep.sim.products import ProductSpec, write_product
 
 Before = Callable[[], object]
 """Spoils something in the current folder."""
+DESCRIPTOR = make_descriptor(Config().descriptor)
+OTHER = DESCRIPTOR.parameters | {"rings.rings": 8}
 
 
 @dataclass(frozen=True)
@@ -49,10 +52,10 @@ def model(name: str, seed: int) -> AspectGraph:
         name=name,
         directions=directions,
         edges=delaunay_edges(directions),
-        features=np.random.default_rng(seed).dirichlet(np.ones(320), 12).astype(np.float32),
+        features=np.random.default_rng(seed).dirichlet(np.ones(DESCRIPTOR.size), 12).astype(np.float32),
         thumbnails=np.zeros((12, 48, 48, 3), np.uint8),
-        descriptor="cch",
-        descriptor_parameters={"distance_px": 4, "gradient_step": 6},
+        descriptor=DESCRIPTOR.name,
+        descriptor_parameters=DESCRIPTOR.parameters,
         provenance=Provenance(f"generated:{seed}", "0" * 64, "viewsep test"),
     )
 
@@ -248,7 +251,7 @@ CASES: dict[str, Case] = {
         lambda: Path("lib/tea.viewsep").rename("lib/box.viewsep"),
     ),
     "model of another version": Case(
-        "models lib", "lib/tea.viewsep: schema version 9, but this viewsep reads 1", other_header("schema_version", 9)
+        "models lib", "lib/tea.viewsep: schema version 9, but this viewsep reads 2", other_header("schema_version", 9)
     ),
     "model with another hash": Case(
         SEPARATE, "tea.viewsep: its content has the hash .* its header says abc: ", other_header("digest", "abc")
@@ -256,13 +259,13 @@ CASES: dict[str, Case] = {
     "model without provenance": Case("models lib", "key 'provenance' is incomplete", other_header("provenance", {})),
     "models of two descriptors": Case(
         SEPARATE,
-        "model 'tea' was learned with descriptor cch .*'distance_px': 8.*but the configuration says cch .*: learn it",
-        relearned(descriptor_parameters={"distance_px": 8, "gradient_step": 6}),
+        "'tea' was learned with descriptor opponent.rings .*'rings.rings': 8.*says opponent.rings .*: learn it",
+        relearned(descriptor_parameters=OTHER),
     ),
     "config of another descriptor": Case(
         WITH_CONFIG,
         "model 'decaf' was learned .* change the key 'descriptor'",
-        config("[descriptor.options]\ndistance_px=2"),
+        config("[descriptor]\nname='cch'"),
     ),
     "plot into nothing": Case("models lib --plot nowhere/sheet.png", "nowhere"),
     # servos
@@ -304,11 +307,13 @@ CASES: dict[str, Case] = {
     "unknown table": Case(WITH_CONFIG, "c.toml: unknown key 'robot': check the spelling", config("[robot]\n")),
     "unknown option": Case(
         WITH_CONFIG,
-        "unknown key 'interpreter.options.variantt': interpreter 'path' has variant, alignment",
-        config("[interpreter.options]\nvariantt = 'initial'"),
+        "unknown key 'interpreter.options.rotation': interpreter 'filter' has rotations, independent_after_deg",
+        config("[interpreter.options]\nrotation = 5000"),
     ),
     "wrong option": Case(
-        WITH_CONFIG, "interpreter.options, key 'variant' = 'best'", config("[interpreter.options]\nvariant='best'")
+        WITH_CONFIG,
+        "interpreter.options, key 'variant' = 'best'",
+        config("[interpreter]\nname='path'\n[interpreter.options]\nvariant='best'"),
     ),
     "wrong type": Case(
         WITH_CONFIG, "c.toml: key 'task.max_looks' = 'many': .*integer", config("[task]\nmax_looks='many'")
@@ -341,12 +346,14 @@ CASES: dict[str, Case] = {
     ),
     "interpreter option": Case(f"{SEPARATE} --interpreter pf", "no interpreter is called 'pf'"),
     "unknown planner": Case(WITH_CONFIG, "no planner is called 'fast': choose", config("[planner]\nname='fast'")),
-    "no hypotheses": Case(WITH_CONFIG, "hypotheses", config("[interpreter.options]\nhypotheses = 0")),
+    "no hypotheses": Case(
+        WITH_CONFIG, "hypotheses", config("[interpreter]\nname='path'\n[interpreter.options]\nhypotheses = 0")
+    ),
     "no step": Case(WITH_CONFIG, "step_deg", config("[planner.options]\nstep_deg = 0.0")),
     "no pixel distance": Case(
         f"{LEARN} generated:1 --config c.toml",
         "distance_px",
-        config("[descriptor.options]\ndistance_px = 0"),
+        config("[descriptor]\nname='cch'\n[descriptor.options]\ndistance_px = 0"),
         simulated=True,
     ),
     # candidates and what is held
@@ -397,7 +404,7 @@ CASES: dict[str, Case] = {
     "replay with another library": Case(
         "replay run.mcap --models lib",
         "made with model tea [0-9a-f]{12}, but the library has [0-9a-f]{12}: replay with",
-        relearned(descriptor_parameters={"distance_px": 8, "gradient_step": 6}),
+        relearned(descriptor_parameters=OTHER),
     ),
     "replay with half a library": Case(
         "replay run.mcap --models lib", "no model 'decaf' in the library lib", Path("lib/decaf.viewsep").unlink
@@ -428,8 +435,13 @@ CASES: dict[str, Case] = {
     "bench twins": Case("bench separation --twins side", "--twins 'side' is none of face, sticker, none"),
     "bench twins and pairs": Case(f"{BENCH} --twins face", "--twins generates objects: leave out --pairs"),
     "bench candidates": Case("bench separation --candidates 21", "--candidates 21 needs 21 objects, but there are 20"),
-    "bench measures": Case("bench separation --measures w1,w7", "--measures 'w7' is none of w0"),
-    "bench measures twice": Case("bench separation --measures w1,w1", "--measures 'w1,w1': separate different names"),
+    "bench measures": Case("bench separation --interpreter path --measures w1,w7", "--measures 'w7' is none of w0"),
+    "bench measures of a posterior": Case(
+        "bench separation --measures w1", "--measures 'w1' is about path hypotheses: add --interpreter path"
+    ),
+    "bench measures twice": Case(
+        "bench separation --interpreter path --measures w1,w1", "--measures 'w1,w1': separate different names"
+    ),
     "bench baselines": Case(
         "bench separation --baselines hog", "--baselines 'hog' is none of nearest, vote, sift, random"
     ),

@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 from dask_cluster import dask_cluster
+from seed_method import SEED_TOML
 from shell import Shell
 from view_sets import ring, write_view_set
 
@@ -17,6 +18,7 @@ from viewsep.bench.summary import OUTCOMES, TIMES
 pytestmark = pytest.mark.needs_pybullet
 
 SHORT = "[camera]\nsize_px = 48\n[task]\nmax_looks = 40\n"
+SEED_SHORT = SHORT + SEED_TOML
 SUMMARY_KEYS = {
     *("n", "right", "wrong", "undecided", "unknown", "indistinguishable", "failed", "right_wilson95", "wrong_wilson95"),
     *("travel_deg_median", "travel_over_optimum_median", "looks_median", "pose_error_deg_mean", "pose_error_deg_p95"),
@@ -29,11 +31,12 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """With a configuration, and pictures that the tests share."""
     made = tmp_path_factory.mktemp("bench")
     (made / "short.toml").write_text(SHORT)
+    (made / "seed.toml").write_text(SEED_SHORT)
     return made
 
 
-def common(folder: Path) -> tuple[str | Path, ...]:
-    return ("--config", folder / "short.toml", "--views", "30", "--cache", folder / "renders")
+def common(folder: Path, name: str = "short") -> tuple[str | Path, ...]:
+    return ("--config", folder / f"{name}.toml", "--views", "30", "--cache", folder / "renders")
 
 
 def timeless(report: dict[str, Any]) -> dict[str, Any]:
@@ -52,7 +55,7 @@ def timeless(report: dict[str, Any]) -> dict[str, Any]:
 @pytest.fixture
 def separated(folder: Path, tmp_path: Path, shell: Shell) -> dict[str, Any]:
     result = tmp_path / "one.json"
-    typed = ("bench", "separation", *common(folder), "--runs", "4", "--jobs", "1", "--json", result)
+    typed = ("bench", "separation", *common(folder, "seed"), "--runs", "4", "--jobs", "1", "--json", result)
     ended = shell(*typed, "--plot", tmp_path / "pictures", "--disturb", "light=0.1,noise=0.02")
     assert ended.code in (0, None), ended.err
     assert "path w0+w1+w2" in ended.out
@@ -86,7 +89,7 @@ def test_figures_do_not_depend_on_processes(
     separated: dict[str, Any], folder: Path, tmp_path: Path, shell: Shell
 ) -> None:
     result = tmp_path / "two.json"
-    typed = ("bench", "separation", *common(folder), "--runs", "4", "--jobs", "2", "--json", result)
+    typed = ("bench", "separation", *common(folder, "seed"), "--runs", "4", "--jobs", "2", "--json", result)
     shell(*typed, "--disturb", "light=0.1,noise=0.02")
     assert timeless(json.loads(result.read_text())) == timeless(separated)
 
@@ -98,7 +101,17 @@ def test_figures_do_not_depend_on_the_machines(
     pytest.importorskip("distributed")
     result = tmp_path / "cluster.json"
     with dask_cluster(tmp_path, folder) as address:
-        typed = ("bench", "separation", *common(folder), "--runs", "4", "--scheduler", address, "--json", result)
+        typed = (
+            "bench",
+            "separation",
+            *common(folder, "seed"),
+            "--runs",
+            "4",
+            "--scheduler",
+            address,
+            "--json",
+            result,
+        )
         ended = shell(*typed, "--disturb", "light=0.1,noise=0.02")
     assert ended.code in (0, None), ended.err
     assert timeless(json.loads(result.read_text())) == timeless(separated)
@@ -111,6 +124,8 @@ def test_poses_are_measured_for_every_variant_and_alignment(folder: Path, tmp_pa
     assert ended.code in (0, None), ended.err
     report = json.loads(result.read_text())
     assert len(report["summary"]) == 8
+    chosen = report["about"]["config"]  # the seed's experiment, though the file does not say so
+    assert (chosen["descriptor"]["name"], chosen["interpreter"]["name"]) == ("cch", "path")
     for method, summary in report["summary"].items():
         assert summary.keys() >= SUMMARY_KEYS
         rows = [row for row in report["tasks"] if row["method"] == method]
@@ -132,7 +147,7 @@ def test_photos_are_an_experiment_too(folder: Path, tmp_path: Path, shell: Shell
     result = tmp_path / "photos.json"
     typed = ("bench", "separation", "--objects", tmp_path / "photos", "--every", "2", "--candidates", "3")
     more = ("--runs", "3", "--measures", "w0+w1+w2", "--baselines", "nearest,vote,sift", "--jobs", "1")
-    ended = shell(*typed, *more, "--config", folder / "short.toml", "--json", result)
+    ended = shell(*typed, *more, "--config", folder / "seed.toml", "--json", result)
     assert ended.code in (0, None), ended.err
     report = json.loads(result.read_text())
     assert list(report["summaries"]) == ["path w0+w1+w2", "nearest", "vote", "sift"]
@@ -145,7 +160,7 @@ def test_photos_are_an_experiment_too(folder: Path, tmp_path: Path, shell: Shell
 
 def test_an_object_that_is_no_candidate_cannot_be_right(folder: Path, tmp_path: Path, shell: Shell) -> None:
     result = tmp_path / "unknown.json"
-    typed = ("bench", "separation", *common(folder), "--runs", "2", "--unknown-fraction", "1", "--jobs", "1")
+    typed = ("bench", "separation", *common(folder, "seed"), "--runs", "2", "--unknown-fraction", "1", "--jobs", "1")
     assert shell(*typed, "--measures", "w1", "--json", result).code in (0, None)
     report = json.loads(result.read_text())
     for row in report["tasks"]:
@@ -158,7 +173,7 @@ def test_an_object_that_is_no_candidate_cannot_be_right(folder: Path, tmp_path: 
 def test_posteriors_say_how_likely_none_of_the_candidates_is(folder: Path, tmp_path: Path, shell: Shell) -> None:
     result = tmp_path / "posterior.json"
     typed = ("bench", "separation", *common(folder), "--runs", "3", "--unknown-fraction", "0.4", "--jobs", "1")
-    more = ("--interpreter", "filter", "--pose-tolerance", "20", "--descriptor", "opponent", "--json", result)
+    more = ("--pose-tolerance", "20", "--descriptor", "opponent", "--json", result)
     ended = shell(*typed, *more)
     assert ended.code in (0, None), ended.err
     assert "AUC of unknown" in ended.out
@@ -174,7 +189,7 @@ def test_posteriors_say_how_likely_none_of_the_candidates_is(folder: Path, tmp_p
 def test_identical_twins_are_scored_by_themselves(folder: Path, tmp_path: Path, shell: Shell) -> None:
     result = tmp_path / "copies.json"
     typed = ("bench", "separation", *common(folder), "--runs", "2", "--twins", "none", "--jobs", "1")
-    assert shell(*typed, "--interpreter", "filter", "--json", result).code in (0, None)
+    assert shell(*typed, "--json", result).code in (0, None)
     for row in json.loads(result.read_text())["tasks"]:
         assert row["identical"]
         assert (row["verdict"] == "right") == (row["outcome"] == "indistinguishable")
@@ -182,6 +197,19 @@ def test_identical_twins_are_scored_by_themselves(folder: Path, tmp_path: Path, 
     refused = shell("bench", "separation", *common(folder), "--twins", "none", "--unknown-fraction", "1")
     assert refused.code == 2
     assert "leave one of the two out" in refused.err
+
+
+def test_measures_without_paths_and_the_default_methods(folder: Path, tmp_path: Path, shell: Shell) -> None:
+    refused = shell("bench", "separation", *common(folder), "--measures", "w1")
+    assert refused.code == 2
+    assert "is about path hypotheses: add --interpreter path" in " ".join(refused.err.split())
+    result = tmp_path / "default.json"
+    typed = ("bench", "separation", *common(folder), "--runs", "1", "--jobs", "1", "--rig", "pan_tilt")
+    assert shell(*typed, "--descriptor", "opponent+rings:rings.frequencies=5", "--json", result).code in (0, None)
+    report = json.loads(result.read_text())
+    assert list(report["summaries"]) == ["filter"]
+    assert report["about"]["config"]["planner"]["name"] == "information"
+    assert report["about"]["config"]["descriptor"]["options"] == {"rings.frequencies": 5}
 
 
 def test_descriptor_and_tolerance_must_make_sense(folder: Path, shell: Shell) -> None:

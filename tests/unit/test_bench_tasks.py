@@ -11,13 +11,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import trapezoid
 from scipy.stats import mannwhitneyu
+from seed_method import seed_config
 
 from viewsep.bench.journal import Row
 from viewsep.bench.methods import MEASURES, methods_for, random_motion
 from viewsep.bench.roc import auc, roc_curve
 from viewsep.bench.summary import OUTCOMES, mcnemar, summarise, verdict, wilson95
 from viewsep.bench.tasks import draw_tasks, generated_objects, generated_pairs, pairs_from, pool_of
-from viewsep.config import Config, InterpreterConfig
+from viewsep.config import Config
 from viewsep.errors import BadInput
 from viewsep.plugins import make_descriptor
 
@@ -173,7 +174,7 @@ def test_mcnemar_looks_at_the_tasks_that_only_one_method_gets_right() -> None:
 
 
 def test_methods_are_compared_with_the_options_they_were_given() -> None:
-    config = Config(interpreter=InterpreterConfig(options={"hypotheses": 20}))
+    config = seed_config(interpreter={"options": {"hypotheses": 20}})
     methods = methods_for(config, [], [], MEASURES)
     assert [method.name for method in methods] == ["path w0+w1+w2", "path w1", "path w0+w1"]
     assert methods[1].config.interpreter.options == {"hypotheses": 20, "rated_by": ["w1"]}
@@ -182,6 +183,13 @@ def test_methods_are_compared_with_the_options_they_were_given() -> None:
     both = methods_for(config, ["path"], ["separating", "random"], ["w1"])
     assert [method.name for method in both] == ["path w1, separating", "path w1, random"]
     assert [method.config.planner.name for method in both] == ["separating", "random"]
+    beside = methods_for(Config(), ["filter", "path"], [], ["w1"])
+    assert [(method.name, method.config.planner.name) for method in beside] == [
+        ("filter", "information"),
+        ("path w1", "separating"),
+    ]
+    asked = methods_for(Config(), ["path"], ["information"], ["w1"])
+    assert [method.config.planner.name for method in asked] == ["information"]
     assert random_motion(methods[0]).config.planner.name == "random"
     with pytest.raises(BadInput, match="'w7' is none of"):
         methods_for(config, [], [], ["w7"])

@@ -13,16 +13,17 @@ from typing import Any
 
 import numpy as np
 import pytest
+from seed_method import SEED_OPTIONS
 from shell import Shell
 
 from viewsep import __version__
 from viewsep.cli import main
 from viewsep.cli.separate import exit_code, tell
 from viewsep.config import Config, PluginConfig, geometry_of, load_config
-from viewsep.interpretation.interpreter import PathOptions
+from viewsep.interpretation.pose_filter import FilterOptions
 from viewsep.messages import CancelRequested, Outcome, Result
 from viewsep.models.library import load_library, save
-from viewsep.planning.planner import SeparatingOptions
+from viewsep.planning.information import InformationOptions
 from viewsep.planning.reachable import ReachableViews
 from viewsep.plugins import make_descriptor, make_interpreter, make_planner
 from viewsep.recordings.reader import read_recording
@@ -33,6 +34,7 @@ from viewsep.task import Answer, Task, run_task
 
 CONFIGS = Path(__file__).parents[2] / "docs" / "config"
 PRESETS = ["gimbal", "pan_tilt", "turntable", "wrist"]
+VIEWS = 60
 NAMES = ["product_5", "product_5_twin_face"]
 PNG = b"\x89PNG\r\n\x1a\n"
 ANSWER_KEYS = {
@@ -65,7 +67,7 @@ def lib(tmp_path_factory: pytest.TempPathFactory) -> Path:
         patch.setattr(
             sys,
             "argv",
-            ["viewsep", "learn", "generated:5", "generated:5:twin=face", "-o", str(folder), "--views", "60"],
+            ["viewsep", "learn", "generated:5", "generated:5:twin=face", "-o", str(folder), "--views", str(VIEWS)],
         )
         with pytest.raises(SystemExit) as end:
             main()
@@ -151,7 +153,8 @@ def test_models_lists_and_draws(shell: Shell, lib: Path, tmp_path: Path) -> None
         *("name", "views", "edges", "bytes", "descriptor"),
         *("descriptor_parameters", "feature_values", "source", "hash"),
     }
-    assert (first["views"], first["feature_values"], first["edges"]) == (60, 60 * 320, 3 * 60 - 6)
+    values = VIEWS * make_descriptor(Config().descriptor).size
+    assert (first["views"], first["feature_values"], first["edges"]) == (VIEWS, values, 3 * VIEWS - 6)
     assert first["source"] == "generated:5"
     assert first["bytes"] == (lib / "product_5.viewsep").stat().st_size
     assert (tmp_path / "sheet.png").read_bytes().startswith(PNG)
@@ -201,7 +204,7 @@ def test_an_object_that_is_no_candidate_has_no_truth(shell: Shell, lib: Path, sh
 
 @pytest.mark.needs_pybullet
 def test_a_posterior_knows_its_pose_and_the_tolerance_asks_for_it(shell: Shell, lib: Path) -> None:
-    typed: list[str | Path] = ["separate", "--models", lib, "--truth", NAMES[0], "--interpreter", "filter"]
+    typed: list[str | Path] = ["separate", "--models", lib, "--truth", NAMES[0]]
     named = shell(*typed, "--json")
     tolerance = named.json["pose_spread_deg"] / 2
     known = shell(*typed, "--pose-tolerance", f"{tolerance}", "--json")
@@ -213,7 +216,7 @@ def test_a_posterior_knows_its_pose_and_the_tolerance_asks_for_it(shell: Shell, 
 
 @pytest.mark.needs_pybullet
 def test_paths_do_not_know_how_well_they_know_the_pose(shell: Shell, lib: Path, short: Path) -> None:
-    typed: list[str | Path] = ["separate", "--models", lib, "--truth", NAMES[0], "--config", short]
+    typed: list[str | Path] = ["separate", "--models", lib, "--truth", NAMES[0], "--config", short, *SEED_OPTIONS]
     ended = shell(*typed, "--pose-tolerance", 5, "--json")
     assert "note: interpreter path does not know how well the pose is known" in " ".join(ended.err.split())
     assert (ended.code, ended.json["pose_spread_deg"]) == (3, None)
@@ -358,14 +361,15 @@ def test_the_gimbal_example_shows_the_defaults(lib: Path) -> None:
     shown, default = load_config(CONFIGS / "gimbal.toml"), Config()
     models = load_library(lib)
     descriptors = [make_descriptor(config.descriptor) for config in (shown, default)]
-    assert descriptors[0] == descriptors[1]
+    assert (descriptors[0].name, descriptors[0].parameters) == (descriptors[1].name, descriptors[1].parameters)
+    assert set(shown.descriptor.options) == set(descriptors[1].parameters)
     for config in (shown, default):
         reachable = ReachableViews.of(geometry_of(config.rig))
         interpreter: Any = make_interpreter(config.interpreter, models, descriptors[0])
         planner: Any = make_planner(config.planner, models, reachable)
-        assert interpreter.options == PathOptions()
-        assert planner.options == SeparatingOptions()
-    for kind, options in (("interpreter", PathOptions()), ("planner", SeparatingOptions())):
+        assert interpreter.options == FilterOptions()
+        assert planner.options == InformationOptions()
+    for kind, options in (("interpreter", FilterOptions()), ("planner", InformationOptions())):
         plugin: PluginConfig = getattr(shown, kind)
         assert set(plugin.options) == set(options.__dataclass_fields__), f"{kind}: not all options are shown"
     assert shown.rig.preset == "gimbal"
@@ -392,7 +396,7 @@ def test_every_example_configuration_separates(name: str, shell: Shell, lib: Pat
 def test_ctrl_c_ends_in_good_order_with_a_whole_recording(lib: Path, tmp_path: Path) -> None:
     (tmp_path / "c.toml").write_text("[task]\nmax_looks = 400\n")
     (model,) = load_library(lib, NAMES[:1])
-    for name in (model.name, "copy"):  # nothing tells them apart: this takes long
+    for name in (model.name, "copy"):  # nothing tells them apart, and the seed's method never says so: this takes long
         save(replace(model, name=name), tmp_path / "lib")
     typed = [
         "separate",
@@ -405,6 +409,7 @@ def test_ctrl_c_ends_in_good_order_with_a_whole_recording(lib: Path, tmp_path: P
         "--record",
         "run.mcap",
         "--json",
+        *SEED_OPTIONS,
     ]
     process = subprocess.Popen(
         [sys.executable, "-m", "viewsep", *typed, "--record", "run.mcap"],
@@ -413,9 +418,9 @@ def test_ctrl_c_ends_in_good_order_with_a_whole_recording(lib: Path, tmp_path: P
         stderr=subprocess.PIPE,
         text=True,
     )
-    part = tmp_path / "run.mcap.part"
+    part, models = tmp_path / "run.mcap.part", sum(path.stat().st_size for path in (tmp_path / "lib").iterdir())
     deadline = time.monotonic() + 30
-    while (not part.exists() or part.stat().st_size < 1_000_000) and process.poll() is None:
+    while (not part.exists() or part.stat().st_size < models + 1_000_000) and process.poll() is None:
         assert time.monotonic() < deadline, "the recording does not grow"
         time.sleep(0.02)  # with a first chunk of messages on disk the task is well under way, and far from its end
     process.send_signal(signal.SIGINT)

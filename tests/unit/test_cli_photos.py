@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from seed_method import SEED_OPTIONS
 from shell import Shell
 from view_sets import ring, write_view_set
 
@@ -87,7 +88,19 @@ def test_any_folder_of_photos_can_be_held(lib: Path, tmp_path: Path, shell: Shel
     config = tmp_path / "short.toml"
     config.write_text("[task]\nmax_looks = 8\n")
     run = tmp_path / "run.mcap"
-    typed = ("separate", "--models", lib, "--object", other, "--config", config, "--record", run, "--json")
+    typed = (
+        "separate",
+        "--models",
+        lib,
+        "--object",
+        other,
+        "--config",
+        config,
+        "--record",
+        run,
+        "--json",
+        *SEED_OPTIONS,
+    )
     code, out, _ = shell(*typed)
     answer = json.loads(out)
     assert code == 3

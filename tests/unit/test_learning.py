@@ -6,52 +6,54 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from seed_method import seed_config
 
 from viewsep import __version__
-from viewsep.config import Config, DescriptorConfig
+from viewsep.config import Config
 from viewsep.errors import BadInput
 from viewsep.geometry import delaunay_edges, equidistant_sphere
 from viewsep.learning import THUMBNAIL_PX, learn_object, learn_objects, names_for
 from viewsep.models.library import to_bytes
+from viewsep.plugins import make_descriptor
 
 pytestmark = pytest.mark.needs_pybullet
 
 SOURCES = ("generated:7", "generated:7:twin=face")
 
 
-def learned(jobs: int) -> dict[str, bytes]:
+def learned(jobs: int, config: Config) -> dict[str, bytes]:
     """Model files by name."""
-    found = learn_objects(SOURCES, names_for(SOURCES, None), 12, Config(), jobs)
+    found = learn_objects(SOURCES, names_for(SOURCES, None), 12, config, jobs)
     return {model.name: to_bytes(model) for model in found}
 
 
 def test_a_model_has_equidistant_views_with_delaunay_edges_and_a_feature_each() -> None:
     (name,) = names_for(SOURCES[:1], None)
-    model = learn_object(SOURCES[0], name, 12, Config())
+    model, descriptor = learn_object(SOURCES[0], name, 12, Config()), make_descriptor(Config().descriptor)
     np.testing.assert_array_equal(model.directions, equidistant_sphere(12))
     np.testing.assert_array_equal(model.edges, delaunay_edges(model.directions))
     assert model.edges.shape == (3 * 12 - 6, 2)
-    assert model.features.shape == (12, 320)
+    assert model.features.shape == (12, descriptor.size)
     np.testing.assert_allclose(model.features.sum(axis=1), 1.0, atol=1e-4)
     assert len(np.unique(model.features, axis=0)) == 12
     assert model.thumbnails.shape == (12, THUMBNAIL_PX, THUMBNAIL_PX, 3)
-    assert (model.name, model.descriptor) == (name, "cch")
+    assert (model.name, model.descriptor) == (name, "opponent+rings")
     assert model.provenance.source == SOURCES[0]
     assert model.provenance.software == f"viewsep {__version__}"
 
 
-def test_learning_again_and_learning_in_parallel_give_the_same_bytes() -> None:
-    once = learned(jobs=1)
+@pytest.mark.parametrize("config", [Config(), seed_config()])
+def test_learning_again_and_learning_in_parallel_give_the_same_bytes(config: Config) -> None:
+    once = learned(1, config)
     assert len(once) == 2
-    assert learned(jobs=1) == once
-    assert learned(jobs=2) == once
+    assert learned(1, config) == once
+    assert learned(2, config) == once
 
 
 def test_a_model_remembers_the_descriptor_it_was_made_with() -> None:
-    config = Config(descriptor=DescriptorConfig(options={"distance_px": 7}))
-    model = learn_object(SOURCES[0], "box", 12, config)
+    model = learn_object(SOURCES[0], "box", 12, seed_config(descriptor={"options": {"distance_px": 7}}))
     assert model.descriptor_parameters == {"distance_px": 7, "gradient_step": 6}
-    assert model.digest != learn_object(SOURCES[0], "box", 12, Config()).digest
+    assert model.digest != learn_object(SOURCES[0], "box", 12, seed_config()).digest
 
 
 def test_a_mesh_is_remembered_by_its_absolute_path_and_named_after_its_folder(product_mesh: Path) -> None:

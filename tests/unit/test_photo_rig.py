@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from seed_method import seed_config
 from view_sets import Angles, ring, write_view_set
 
 from viewsep.assembly import make_engine, reachable_views
@@ -47,7 +48,7 @@ class Heard:
 
 
 def config(**disturbances: float) -> Config:
-    return Config.model_validate({"task": {"max_looks": MAX_LOOKS, "look_every_deg": 0}, "sim": disturbances})
+    return seed_config(task={"max_looks": MAX_LOOKS, "look_every_deg": 0}, sim=disturbances)
 
 
 def sets(folder: Path, angles_deg: list[Angles]) -> list[ViewSet]:
@@ -64,7 +65,7 @@ def run(rig: SimulatedRig, models: list[AspectGraph], seed: int = 0) -> Heard:
 
 
 def models_of(view_sets: list[ViewSet], every: int) -> list[AspectGraph]:
-    return [learn_view_set(v.folder, v.name, Config(), every=every) for v in view_sets]
+    return [learn_view_set(v.folder, v.name, seed_config(), every=every) for v in view_sets]
 
 
 @pytest.mark.parametrize("angles_deg", [RING, HOLES, DOME], ids=["ring", "holes", "dome"])

@@ -12,7 +12,8 @@ import cv2
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
-from told_tasks import DESCRIPTOR, model, record, way
+from seed_method import SEED
+from told_tasks import model, record, way
 
 from viewsep.config import Config, parse_config
 from viewsep.errors import BadInput
@@ -29,6 +30,7 @@ from viewsep.plots.contact_sheet import contact_sheet, sheet_order
 from viewsep.plots.report import report
 from viewsep.plots.sphere import SphereView, along_arcs, draw_globe, draw_path
 from viewsep.plots.story import retell
+from viewsep.plugins import make_descriptor
 from viewsep.recording import task_recorder
 from viewsep.recordings.reader import Recording, read_recording
 
@@ -155,7 +157,7 @@ def test_every_ending_has_a_report(tmp_path: Path, ending: str) -> None:
 @pytest.mark.parametrize("candidates", [2, 3, 12])
 def test_a_posterior_has_a_report(tmp_path: Path, candidates: int) -> None:
     recording = record(tmp_path / "a.mcap", [*way(3), DeadlinePassed(99)], candidates)
-    config = json.dumps({"interpreter": {"name": "filter", "options": {"rotations": 1000}}})
+    config = json.dumps({**SEED, "interpreter": {"name": "filter", "options": {"rotations": 1000}}})
     told = replace(recording, metadata={**recording.metadata, "config": {"json": config}})
     report(told, tmp_path / "a.png")
     assert read_png(tmp_path / "a.png").shape == (1200, 1600, 3)
@@ -192,7 +194,7 @@ def simulated(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Recor
     def config(preset: str) -> Config:
         return parse_config({"rig": {"preset": preset}, "camera": {"size_px": 64}, "task": {"max_looks": 40}}, "test")
 
-    models = [learn_object(source, name, 40, config("gimbal")) for name, source in sources.items()]
+    models = [learn_object(source, name, 24, config("gimbal")) for name, source in sources.items()]
 
     @cache
     def run(preset: str) -> Recording:
@@ -200,7 +202,7 @@ def simulated(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Recor
         rig = simulated_rig(config(preset), sources["twin"], 3).rig
         recorder = task_recorder(path, config(preset), models, 3, "twin")
         engine = make_engine(config(preset), models)
-        perception = RigPerception(rig, DESCRIPTOR)
+        perception = RigPerception(rig, make_descriptor(config(preset).descriptor))
         with recorder, Session(rig, engine, perception, pace_of(config(preset)), [recorder]) as session:
             session.run(3)
         return read_recording(path)

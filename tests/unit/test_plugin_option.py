@@ -76,6 +76,9 @@ def test_any_options_are_taken_or_refused_in_words(text: str) -> None:
         ("interpreter", "path:rated_by=w1", {"rated_by": ("w1",)}),
         ("interpreter", "path:rated_by=", {"rated_by": ()}),
         ("descriptor", "cch:distance_px=3", {"distance_px": 3}),
+        ("descriptor", "opponent+rings", {}),
+        ("descriptor", "opponent+rings:rings.frequencies=5", {"rings.frequencies": 5}),
+        ("descriptor", "rings+cch:cch.distance_px=3,rings.smooth_px=2", {"cch.distance_px": 3, "rings.smooth_px": 2.0}),
     ],
 )
 def test_every_kind_is_read(kind: Kind, text: str, options: dict[str, Any]) -> None:
@@ -88,7 +91,7 @@ def test_every_kind_is_read(kind: Kind, text: str, options: dict[str, Any]) -> N
         ("interpreter", "", "the name is missing: write NAME or NAME:key=value,key=value"),
         ("interpreter", ":variant=initial", "the name is missing"),
         ("interpreter", "paths", "no interpreter is called 'paths': choose one of .*path"),
-        ("planner", "path", "no planner is called 'path': choose one of off, .*separating.*, or install"),
+        ("planner", "path", "no planner is called 'path': choose one of .*off, .*separating.*, or install"),
         ("interpreter", "path:", "'' is not key=value"),
         ("interpreter", "path:variant", "'variant' is not key=value"),
         ("interpreter", "path:=initial", "'=initial' is not key=value"),
@@ -103,6 +106,14 @@ def test_every_kind_is_read(kind: Kind, text: str, options: dict[str, Any]) -> N
         ("interpreter", "path:rated_by=w0+w9", r"key 'rated_by.1' = 'w9': input should be 'w0', 'w1' or 'w2'"),
         ("interpreter", "path:rated_by=+", "key 'rated_by.0' = ''"),
         ("planner", "off:step_deg=3", "unknown key 'planner.options.step_deg': planner 'off' has turned_deg"),
+        ("descriptor", "opponent+sift", "no descriptor is called 'sift'"),
+        ("descriptor", "opponent+", "no descriptor is called ''"),
+        ("descriptor", "rings+rings", r"'rings\+rings' names a descriptor twice"),
+        ("descriptor", "opponent+rings:frequencies=5", "unknown key 'descriptor.options.frequencies': write NAME.KEY"),
+        ("descriptor", "opponent+rings:cch.distance_px=5", "unknown key 'descriptor.options.cch.distance_px'"),
+        ("descriptor", "opponent+rings:rings.colour=5", "unknown key 'descriptor.options.colour': descriptor 'rings'"),
+        ("descriptor", "opponent+rings:rings.frequencies=0", "key 'frequencies' = '0'"),
+        ("planner", "off+random", "no planner is called 'off[+]random'"),
         ("descriptor", "cch:distance_px=0", "key 'distance_px' = '0': input should be greater than or equal to 1"),
     ],
 )

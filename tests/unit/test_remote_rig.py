@@ -16,6 +16,7 @@ from cut_line import Line
 from hypothesis import given
 from hypothesis import strategies as st
 from rig_on_zenoh import KEYS, Station, open_session, remote_rig, station, wait_for
+from seed_method import seed_config
 
 from viewsep.assembly import make_engine
 from viewsep.config import CameraConfig, Config, DescriptorConfig, RigConfig, SimConfig, TaskConfig
@@ -48,13 +49,13 @@ pytestmark = pytest.mark.needs_pybullet
 
 SECOND_NS = 1_000_000_000
 SOURCES = ("generated:7", "generated:7:twin=face")
-CONFIG = Config(rig=RigConfig(preset="gimbal"), task=TaskConfig(max_looks=25))
+CONFIG = seed_config(rig={"preset": "gimbal"}, task={"max_looks": 25})
 SMALL = Config(rig=RigConfig(preset="turntable"), camera=CameraConfig(size_px=48))
 
 
 @cache
 def learned() -> list[AspectGraph]:
-    found = learn_objects(SOURCES, names_for(SOURCES, None), 40, Config(), jobs=1)
+    found = learn_objects(SOURCES, names_for(SOURCES, None), 40, seed_config(), jobs=1)
     return sorted(found, key=lambda model: model.name)
 
 
@@ -136,7 +137,7 @@ def test_percepts_of_pictures_are_nearly_those_of_the_rig(send: Send) -> None:
             np.testing.assert_array_equal(look.frame.mask, truth.frame.mask)
             assert look.frame.image.shape == truth.frame.image.shape
             assert descriptor.similarity(look.percept.feature, truth.percept.feature[None])[0] > 0.9
-            assert look.percept.descriptor == "cch"
+            assert look.percept.descriptor == descriptor.name
             error = look.frame.image.astype(int) - truth.frame.image
             assert np.abs(error[truth.frame.mask]).mean() < 4.0
             assert truth.frame.mask is not None

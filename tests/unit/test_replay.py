@@ -9,8 +9,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from seed_method import seed_config
 
-from viewsep.config import Config, InterpreterConfig, parse_config
+from viewsep.config import Config, InterpreterConfig, PlannerConfig
 from viewsep.errors import BadRecording, ReplayMismatch
 from viewsep.learning import learn_object
 from viewsep.messages import (
@@ -58,13 +59,10 @@ DISTURBED = {
 
 
 def settings(looks: int = 25, sim: Mapping[str, float] | None = None, **interpreter: str) -> Config:
-    table = {
-        "camera": CAMERA,
-        "task": {"max_looks": looks},
-        "sim": dict(sim or {}),
-        "interpreter": {"options": interpreter},
-    }
-    return parse_config(table, "test")
+    """The seed's method: its tasks have many looks."""
+    return seed_config(
+        camera=CAMERA, task={"max_looks": looks}, sim=dict(sim or {}), interpreter={"options": interpreter}
+    )
 
 
 @pytest.fixture(scope="module")
@@ -159,7 +157,7 @@ def test_two_runs_and_a_replay_are_the_same_bytes(
 
 @pytest.mark.parametrize("name", [name for name in names("interpreter") if name != "path"])
 def test_so_do_runs_of_every_other_interpreter(name: str, models: list[AspectGraph], tmp_path: Path) -> None:
-    config = settings(20).model_copy(update={"interpreter": InterpreterConfig(name=name)})
+    config = settings(20).model_copy(update={"interpreter": InterpreterConfig(name=name), "planner": PlannerConfig()})
     a, b = (recorded(tmp_path / file, config, models) for file in ("a.mcap", "b.mcap"))
     assert raws(a) == raws(b)
     found = verify(a)

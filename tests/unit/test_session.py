@@ -8,6 +8,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from seed_method import seed_config
 
 from viewsep.assembly import make_engine
 from viewsep.config import Config, RigConfig, TaskConfig
@@ -189,7 +190,7 @@ def models() -> list[AspectGraph]:
     ]
 
 
-FEW_LOOKS = Config(task=TaskConfig(max_looks=12, max_missing_frames=4))
+FEW_LOOKS = seed_config(task={"max_looks": 12, "max_missing_frames": 4})
 MODELS = models()
 
 
@@ -452,7 +453,7 @@ SOURCES = ("generated:7", "generated:7:twin=face")
 @pytest.fixture(scope="module")
 def learned() -> list[AspectGraph]:
     names = names_for(SOURCES, None)
-    found = learn_objects(SOURCES, names, 40, Config(), jobs=1)
+    found = learn_objects(SOURCES, names, 24, Config(), jobs=1)
     return sorted(found, key=lambda model: model.name)
 
 
@@ -468,8 +469,9 @@ def heard_bytes(notes: Notes) -> list[bytes]:
     return [message.image.tobytes() if isinstance(message, Frame) else to_bytes(message) for message in told]
 
 
-def rig_config(rig_preset: str, looks: int) -> Config:
-    return Config(rig=RigConfig(preset=rig_preset), task=TaskConfig(max_looks=looks))
+def rig_config(rig_preset: str, looks: int, pose_tolerance_deg: float | None = None) -> Config:
+    task = TaskConfig(max_looks=looks, pose_tolerance_deg=pose_tolerance_deg)
+    return Config(rig=RigConfig(preset=rig_preset), task=task)
 
 
 @pytest.mark.needs_pybullet
@@ -496,7 +498,7 @@ def test_every_preset_carries_a_task_to_its_end(rig_preset: str, learned: list[A
 
 @pytest.mark.needs_pybullet
 def test_on_a_turntable_only_views_on_its_ring_are_asked_for(learned: list[AspectGraph]) -> None:
-    notes = simulated(rig_config("turntable", 40), learned, 1)
+    notes = simulated(rig_config("turntable", 40, pose_tolerance_deg=1.0), learned, 1)
     moves = [message.view_direction for message in notes.messages if isinstance(message, MoveTo)]
     turntable = preset("turntable")
     ring = turntable.view_directions(np.linspace(0.0, 2.0 * np.pi, 7200)[:, None])

@@ -133,7 +133,7 @@ TWO_THINGS = "check what was recorded, --interpreter, --planner and --descriptor
             ["--interpreter", "path:variant=x"],
             "--interpreter 'path:variant=x': interpreter.options, key 'variant' = 'x'",
         ),
-        (["--planner", "on"], "--planner 'on': no planner is called 'on': choose one of off, "),
+        (["--planner", "on"], "--planner 'on': no planner is called 'on': choose one of .*off, "),
         (["--planner", "off", "--planner", "off"], "--planner off is given twice: give it once"),
         (["--descriptor", "cch:distance_px=9"], "'product_7' was learned with descriptor cch {.*give --models LIBRARY"),
         (["--descriptor", "cch"], "whole.mcap: the recording holds no pictures, and another descriptor"),

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import product
 
 from viewsep.config import Config, InterpreterConfig, PlannerConfig, PluginConfig
 from viewsep.errors import BadInput
@@ -15,6 +14,7 @@ MEASURES = (ALL_MEASURES, "w1", "w0+w1")
 """What may decide in the seed's section V.B: all three measures, the path course alone, and with the similarity."""
 
 PATH = "path"
+SEED_PLANNER = "separating"
 RANDOM_MOTION = "random"  # the planner that is a baseline
 
 
@@ -31,14 +31,15 @@ def methods_for(
 ) -> list[Method]:
     """Every interpreter with every planner; path hypotheses once for each set of measures that is to decide.
 
-    Options in the configuration belong to the interpreter and planner named there. Raises BadInput for measures
-    and BadConfig for plug-ins and options that do not exist.
+    Where no planner is named an interpreter has its usual one. Options in the configuration belong to the interpreter
+    and planner named there. Raises BadInput for measures and BadConfig for plug-ins and options that do not exist.
     """
     for given in measures:
         if given not in MEASURES:
             raise BadInput(f"--measures {given!r} is none of {', '.join(MEASURES)}: name one or several of them")
     methods = []
-    for interpreter, planner in product(interpreters or [config.interpreter.name], planners or [config.planner.name]):
+    named = interpreters or [config.interpreter.name]
+    for interpreter, planner in ((name, p) for name in named for p in planners or [usual_planner(config, name)]):
         chosen = config.model_copy(
             update={
                 "interpreter": _same_or_new(config.interpreter, interpreter, InterpreterConfig),
@@ -53,6 +54,15 @@ def methods_for(
     for method in methods:
         check_plugins(method.config)
     return methods
+
+
+def usual_planner(config: Config, interpreter: str) -> str:
+    """The planner where no option names one: the configured one, and with path hypotheses by default the seed's.
+
+    They do not say what a view promises, so that the default planner would never end their task.
+    """
+    chosen = "planner" in config.model_fields_set
+    return SEED_PLANNER if interpreter == PATH and not chosen else config.planner.name
 
 
 def random_motion(method: Method) -> Method:

@@ -20,7 +20,7 @@ from viewsep.bench.setup import Setup
 from viewsep.bench.summary import NODE_SPACING_DEG
 from viewsep.bench.symmetry import Symmetries, symmetries
 from viewsep.bench.turned import TurnedObject
-from viewsep.config import Config, InterpreterConfig, geometry_of
+from viewsep.config import Config, DescriptorConfig, InterpreterConfig, geometry_of
 from viewsep.errors import BadInput
 from viewsep.geometry import random_rotation, rotation_angle
 from viewsep.interpretation.interpreter import Alignment, Variant
@@ -33,6 +33,8 @@ from viewsep.sim.render import Pictures
 from viewsep.sim.view_set import is_view_set
 
 STEP_RAD = np.radians(5.0)  # what the rigs of the presets turn from one look to the next
+SEED_SECTIONS = {"descriptor": DescriptorConfig(name="cch"), "interpreter": InterpreterConfig(name=PATH)}
+"""What this experiment is about, unless a configuration says otherwise."""
 TRACED = 100  # iterations that every run is followed for, converged or not, for the picture of the convergence
 
 

@@ -6,6 +6,7 @@ import resource
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 import cv2
@@ -15,13 +16,13 @@ from viewsep.bench.memory import resident_mb
 from viewsep.config import Config
 from viewsep.geometry import spherical_direction
 from viewsep.messages import Array, Frame, JointState, Message, Percept, PerceptReceived
+from viewsep.plugins import make_descriptor
 from viewsep.recording import in_background
 from viewsep.recordings.container import CHUNK_BYTES
 from viewsep.recordings.writer import Recorder
 
 STATES_PER_FRAME = 2
 PICTURES = 8  # different ones, in turns: making them must not cost what is measured
-FEATURE = 320
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,8 +137,15 @@ def _at(number: int, rate_hz: float, pictures: list[Array]) -> Iterator[Frame | 
     for part in range(STATES_PER_FRAME):
         yield JointState(stamp_ns + part * 1000, (angle, 0.0), (angle, 0.0), True)
     yield Frame(stamp_ns, number, pictures[number % len(pictures)], None)
-    feature = np.full(FEATURE, 1.0 / FEATURE, np.float32)
-    yield PerceptReceived(Percept(stamp_ns, number, "cch", feature, spherical_direction(angle, 0.2)))
+    name, feature = _feature()
+    yield PerceptReceived(Percept(stamp_ns, number, name, feature, spherical_direction(angle, 0.2)))
+
+
+@cache
+def _feature() -> tuple[str, Array]:
+    """The default descriptor's name and a feature as large as its own."""
+    descriptor = make_descriptor(Config().descriptor)
+    return descriptor.name, np.full(descriptor.size, 1.0 / descriptor.size, np.float32)
 
 
 def _pictures(size_px: tuple[int, int], seed: int) -> list[Array]:

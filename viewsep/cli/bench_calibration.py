@@ -26,7 +26,7 @@ def calibration(
     unknown_fraction: asking.UnknownFraction = 0.0,
     interpreter: Annotated[str, typer.Option(help="Interpreters with probabilities, comma-separated.")] = "filter",
     planner: Annotated[
-        str | None, typer.Option(help="Planners to compare, by name, comma-separated.", show_default="separating")
+        str | None, typer.Option(help="Planners to compare, by name, comma-separated.", show_default="information")
     ] = None,
     disturb: options.Disturb = None,
     rig: options.Preset = None,

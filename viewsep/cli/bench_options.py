@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Annotated
 
@@ -15,7 +15,7 @@ from viewsep.bench.journal import Row
 from viewsep.bench.runner import Workers
 from viewsep.cli.console import MAX_SEED
 from viewsep.cli.plugin_option import onto, parse_plugin
-from viewsep.config import Config, DescriptorConfig, SimConfig, TaskConfig, explain, load_config, parse_config
+from viewsep.config import Config, DescriptorConfig, Section, SimConfig, TaskConfig, explain, load_config, parse_config
 from viewsep.errors import BadInput
 from viewsep.sim.render_cache import RenderCache
 
@@ -33,7 +33,11 @@ Preset = Annotated[
 ]
 DescriptorName = Annotated[
     str | None,
-    typer.Option("--descriptor", help="Feature of a view: NAME or NAME:key=value,...", show_default="cch"),
+    typer.Option(
+        "--descriptor",
+        help="Feature of a view: NAME or NAME:key=value,...; several joined by +.",
+        show_default="opponent+rings",
+    ),
 ]
 PoseTolerance = Annotated[
     float | None,
@@ -66,14 +70,18 @@ def configured(
     disturb: str | None,
     descriptor: str | None = None,
     pose_tolerance_deg: float | None = None,
+    *,
+    usual: Mapping[str, Section] | None = None,
 ) -> Config:
     """The configuration file (or the defaults) with what the command line says instead.
 
-    Raises BadConfig, BadInput.
+    `usual` are the experiment's own defaults, for sections that the file does not have. Raises BadConfig, BadInput.
     """
     settings = load_config(config) if config else Config()
+    own = {name: section for name, section in (usual or {}).items() if name not in settings.model_fields_set}
+    settings = settings.model_copy(update=own)
     if rig is not None:
-        given = settings.model_dump() | {"rig": {"preset": rig}}
+        given = settings.model_dump(exclude_unset=True) | {"rig": {"preset": rig}}
         settings = parse_config(given, "--rig")
     if disturb is not None:
         settings = settings.model_copy(update={"sim": disturbances(disturb, settings.sim)})

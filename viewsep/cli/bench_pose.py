@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from viewsep.bench.experiment import run_pose
-from viewsep.bench.pose import pose_methods, pose_runs
+from viewsep.bench.pose import SEED_SECTIONS, pose_methods, pose_runs
 from viewsep.bench.setup import Setup
 from viewsep.bench.tasks import generated_objects, objects_in
 from viewsep.cli import bench_options as options
@@ -41,7 +41,8 @@ def pose(
     """Measure how accurate poses are (the seed's section V.A), for every variant and alignment on the same views.
 
     A pose is right when it is less than a node spacing (22.6 deg) off, and failed when it has not converged within
-    the limit of looks; its error counts all the same.
+    the limit of looks; its error counts all the same. The seed's descriptor (cch) makes the features, unless the
+    configuration names another one.
 
     Examples:
 
@@ -49,7 +50,7 @@ def pose(
 
         viewsep bench pose --objects objects/ycb --disturb light=0.3,noise=0.05 --json pose.json --plot pictures
     """
-    settings = options.configured(config, rig, disturb)
+    settings = options.configured(config, rig, disturb, usual=SEED_SECTIONS)
     sources = objects_in(objects) if objects else generated_objects(seed)
     about = {
         "objects": sources,

@@ -28,7 +28,8 @@ def scale(
     seed: options.Seed = 0,
     interpreter: Annotated[str, typer.Option(help="Interpreters, by name, comma-separated.")] = "filter",
     planner: Annotated[
-        str | None, typer.Option(help="Planners, by name, comma-separated.", show_default="separating")
+        str | None,
+        typer.Option(help="Planners, by name, comma-separated.", show_default="information; separating for path"),
     ] = None,
     disturb: options.Disturb = None,
     rig: options.Preset = None,

@@ -8,12 +8,13 @@ import typer
 
 from viewsep.bench.baselines import check_baselines
 from viewsep.bench.experiment import run_separation
-from viewsep.bench.methods import MEASURES, RANDOM_MOTION, methods_for, random_motion
+from viewsep.bench.methods import MEASURES, PATH, RANDOM_MOTION, methods_for, random_motion
 from viewsep.bench.setup import Setup
 from viewsep.cli import bench_options as options
 from viewsep.cli import bench_tasks as asking
 from viewsep.cli.bench_tables import tell_separation
 from viewsep.cli.console import progress_bar
+from viewsep.errors import BadInput
 
 
 def separation(
@@ -25,14 +26,21 @@ def separation(
     candidates: asking.Candidates = 2,
     unknown_fraction: asking.UnknownFraction = 0.0,
     interpreter: Annotated[
-        str | None, typer.Option(help="Interpreters to compare, by name, comma-separated.", show_default="path")
+        str | None, typer.Option(help="Interpreters to compare, by name, comma-separated.", show_default="filter")
     ] = None,
     planner: Annotated[
-        str | None, typer.Option(help="Planners to compare, by name, comma-separated.", show_default="separating")
+        str | None,
+        typer.Option(
+            help="Planners to compare, by name, comma-separated.", show_default="information; separating for path"
+        ),
     ] = None,
     measures: Annotated[
-        str, typer.Option(help="What may rate path hypotheses; several are compared, the first one counts.")
-    ] = ",".join(MEASURES),
+        str | None,
+        typer.Option(
+            help="What may rate path hypotheses; several are compared, the first one counts.",
+            show_default=",".join(MEASURES),
+        ),
+    ] = None,
     baselines: Annotated[
         str | None,
         typer.Option(
@@ -68,17 +76,22 @@ def separation(
 
         viewsep bench separation --objects photos --every 4 --candidates 12 --baselines nearest,sift
 
-        viewsep bench separation --twins none --interpreter filter --runs 20
+        viewsep bench separation --interpreter filter,path --measures w0+w1+w2
 
-        viewsep bench separation --interpreter filter --candidates 4 --unknown-fraction 0.3
+        viewsep bench separation --twins none --runs 20
+
+        viewsep bench separation --candidates 4 --unknown-fraction 0.3
     """
     settings = options.configured(config, rig, disturb, descriptor, pose_tolerance)
     asked = asking.asked(pairs, objects, twins, runs, seed, candidates, unknown_fraction)
+    interpreters = options.listed(interpreter, "--interpreter")
+    if measures is not None and PATH not in (interpreters or [settings.interpreter.name]):
+        raise BadInput(f"--measures {measures!r} is about path hypotheses: add --interpreter path, or leave it out")
     methods = methods_for(
         settings,
-        options.listed(interpreter, "--interpreter"),
+        interpreters,
         options.listed(planner, "--planner"),
-        options.listed(measures, "--measures"),
+        options.listed(measures, "--measures") or MEASURES,
     )
     beside = options.listed(baselines, "--baselines")
     if RANDOM_MOTION in beside:

@@ -11,6 +11,7 @@ import typer
 from rich.markup import escape
 
 from viewsep.account import Account
+from viewsep.bench.methods import usual_planner
 from viewsep.cli.candidates import candidate_names
 from viewsep.cli.console import MAX_SEED, people, print_json, results
 from viewsep.cli.exit_codes import EXIT_CODES, EXIT_INTERRUPTED, EXIT_WRONG
@@ -30,8 +31,10 @@ def separate(
     truth: Annotated[str | None, typer.Option(help="Candidate that the simulated rig holds.")] = None,
     source: Annotated[str | None, typer.Option("--object", help="Any object for the simulated rig to hold.")] = None,
     candidates: Annotated[str | None, typer.Option(help="Comma-separated names.", show_default="all models")] = None,
-    interpreter: Annotated[str | None, typer.Option(help="Interpreter by name.", show_default="path")] = None,
-    planner: Annotated[str | None, typer.Option(help="Planner by name.", show_default="separating")] = None,
+    interpreter: Annotated[str | None, typer.Option(help="Interpreter by name.", show_default="filter")] = None,
+    planner: Annotated[
+        str | None, typer.Option(help="Planner by name.", show_default="information; separating for path")
+    ] = None,
     pose_tolerance: PoseTolerance = None,
     seed: Annotated[
         int, typer.Option(min=0, max=MAX_SEED, help="Seed of grasp, start view, direction and disturbances.")
@@ -83,7 +86,8 @@ def _chosen(settings: Config, interpreter: str | None, planner: str | None, pose
     changes: dict[str, object] = {}
     if interpreter and interpreter != settings.interpreter.name:  # options in the file are those of another one
         changes["interpreter"] = InterpreterConfig(name=interpreter)
-    if planner and planner != settings.planner.name:
+    planner = planner or usual_planner(settings, interpreter or settings.interpreter.name)
+    if planner != settings.planner.name:
         changes["planner"] = PlannerConfig(name=planner)
     if pose_tolerance is not None:
         tolerance = check_pose_tolerance(pose_tolerance)
