@@ -25,9 +25,16 @@ def make_engine(config: Config, models: Sequence[AspectGraph]) -> Engine:
         )
     descriptor = make_descriptor(config.descriptor)
     check_descriptor(models, descriptor)
+    interpreter = make_interpreter(config.interpreter, models, descriptor)
+    planner = make_planner(config.planner, models, reachable_views(config.rig))
+    if getattr(planner, "needs_samples", False) and not getattr(interpreter, "gives_samples", False):
+        raise BadConfig(
+            f"planner {config.planner.name!r} plans with probabilities, and {config.interpreter.name!r} has "
+            "none: choose planner 'separating', or interpreter 'filter'"
+        )
     return Engine(
-        make_interpreter(config.interpreter, models, descriptor),
-        make_planner(config.planner, models, reachable_views(config.rig)),
+        interpreter,
+        planner,
         TaskLimits(
             look_every_rad=float(np.radians(config.task.look_every_deg)),
             judge_within_rad=float(np.radians(config.task.judge_within_deg)),

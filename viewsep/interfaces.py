@@ -231,7 +231,7 @@ class Interpreter(Protocol):
 
     Plug-in: entry-point group `viewsep.interpreters`, value is a class with an `options_type` (a dataclass), a
     `state_type` (the dataclass that is its state, of numbers, texts, arrays and dataclasses) and a constructor
-    `(models, descriptor, options)`.
+    `(models, descriptor, options)`; `gives_samples = True` where its interpretations have `samples`.
     """
 
     @property
@@ -272,7 +272,8 @@ class Planner(Protocol):
     """Chooses the next view among the reachable ones. Pure: state in, state out.
 
     Plug-in: entry-point group `viewsep.planners`, value is a class with an `options_type` (a dataclass), a
-    `state_type` (the dataclass that is its state) and a constructor `(models, reachable, options)`.
+    `state_type` (the dataclass that is its state) and a constructor `(models, reachable, options)`; `needs_samples =
+    True` where it can plan with nothing else.
     """
 
     @property

@@ -83,6 +83,7 @@ class FilterState:
 class FilterInterpreter:
     """The posterior over who is seen and how it is held."""
 
+    gives_samples = True
     options_type = FilterOptions
     state_type = FilterState
 

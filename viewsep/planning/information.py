@@ -54,6 +54,7 @@ class InformationPlanner:
     When the name is known and the pose is asked for, it is the pose they should tell.
     """
 
+    needs_samples = True
     options_type = InformationOptions
     state_type = InformationState
 
