@@ -12,6 +12,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+sys.path.insert(0, str(Path(__file__).parents[1]))
+import one_thread  # noqa: F401  before numpy
+
 from viewsep.config import parse_config
 from viewsep.learning import learn_object
 from viewsep.recordings.reader import read_recording
