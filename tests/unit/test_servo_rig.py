@@ -60,7 +60,9 @@ def test_a_twin_is_identified_on_servos_and_the_recording_replays(
     models = load_library(look_alikes)
     recording, states = tmp_path / "run.mcap", States()
     source, truth = held_object(models, "product_7", None)
-    table = servo_config(name) | {"sim": {"backlash_deg": 0.3}, "interpreter": {"name": interpreter}}
+    planner = "separating" if interpreter == "path" else "information"
+    method = {"interpreter": {"name": interpreter}, "planner": {"name": planner}}
+    table = servo_config(name) | {"sim": {"backlash_deg": 0.3}} | method
     config = parse_config(table, "test")
     answer = run_task(Task(source, truth, seed, recording), config, models, [states])
     assert answer.correct, answer.result.reason
