@@ -79,7 +79,8 @@ class Made:
     expected: Mapping[str, list[tuple[int, Protobuf]]]
 
     def of(self, topic: str) -> list[Any]:
-        return [message for _, message in self.expected[topic]]
+        """In the order of time: an estimate is written after read-backs that are later than it."""
+        return [message for _, message in sorted(self.expected[topic], key=lambda row: row[0])]
 
 
 @pytest.fixture(scope="module")
@@ -189,18 +190,28 @@ def test_javascript_refuses_a_changed_byte(
 
 @pytest.fixture(scope="module")
 def in_rerun(made: Made) -> Mapping[str, Mapping[str, list[Any]]]:
-    """What Rerun's own reader makes of the recording: for each topic its components, a value for each message."""
+    """What Rerun's own reader makes of the recording, in the order of time.
+
+    For each topic its components, a value for each message.
+    """
     from rerun.chunk import McapReader
 
     found: dict[str, dict[str, list[Any]]] = defaultdict(lambda: defaultdict(list))
+    times: dict[str, list[int]] = defaultdict(list)
     for chunk in McapReader(made.path, timeline_type="duration").stream():
         if chunk.is_static:
             continue
         batch = chunk.to_record_batch()
+        topic = str(chunk.entity_path).removeprefix("/")
+        times[topic] += batch.column("message_log_time").cast("int64").to_pylist()
         for name, column in zip(batch.schema.names, batch.columns, strict=True):
             if ":" in name:
-                found[str(chunk.entity_path).removeprefix("/")][name] += column.to_pylist()
-    return found
+                found[topic][name] += column.to_pylist()
+    order = {topic: np.argsort(stamps, kind="stable") for topic, stamps in times.items()}
+    return {
+        topic: {name: [values[k] for k in order[topic]] for name, values in components.items() if len(values)}
+        for topic, components in found.items()
+    }
 
 
 def test_rerun_knows_every_topic(made: Made, in_rerun: Mapping[str, Mapping[str, list[Any]]]) -> None:
