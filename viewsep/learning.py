@@ -26,7 +26,7 @@ from viewsep.trials import rolls, trial_directions, trials_of
 
 THUMBNAIL_PX = 48
 MESH_VIEWS = 100  # the seed's
-TRIALS_PER_VIEW, FEWEST_TRIALS = 0.6, 24
+TRIALS_PER_VIEW, FEWEST_TRIALS = 0.6, 24  # an even number: both looks of a trial then fall in the same half of them
 FEWEST_NODES = 3  # of a model from photos
 CAMERA_DIRECTION = np.array([1.0, 0.0, 0.0])
 
@@ -34,7 +34,7 @@ CAMERA_DIRECTION = np.array([1.0, 0.0, 0.0])
 def learn_object(source: str, name: str, views: int, config: Config, cache: RenderCache | None = None) -> AspectGraph:
     """The aspect graph of a mesh or generated product from `views` equidistant renders. Raises BadInput, BadMesh."""
     directions = equidistant_sphere(views)
-    tried = trial_directions(max(FEWEST_TRIALS, round(TRIALS_PER_VIEW * views)))
+    tried = trial_directions(max(FEWEST_TRIALS, 2 * round(0.5 * TRIALS_PER_VIEW * views)))
     renderer = open_renderer(source, CameraOptics(config.camera.size_px), cache)
     try:
         pictures = [

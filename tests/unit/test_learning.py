@@ -81,3 +81,12 @@ def test_a_name_goes_with_one_source_and_must_be_one() -> None:
         names_for(SOURCES, "tin")
     with pytest.raises(BadInput, match="cannot name an object"):
         names_for(SOURCES[:1], "../tin")
+
+
+def test_both_looks_of_a_trial_fall_in_the_same_half() -> None:
+    """Every other look makes the metric, the rest are kept from it: also with 48 views, of which 0.6 would be odd."""
+    model = learn_object(SOURCES[0], "box", 48, seed_config())
+    assert model.trials is not None
+    count = len(model.trials.directions) // 2
+    assert count % 2 == 0
+    np.testing.assert_array_equal(model.trials.directions[:count], model.trials.directions[count:])

@@ -6,7 +6,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from painted import POLE, TWIN, held, model
+from painted import POLE, TWIN, held, model, ring_model
 
 from viewsep.geometry import angle_between, axis_rotation, fibonacci_sphere, perpendicular
 from viewsep.interfaces import PoseSamples
@@ -126,3 +126,11 @@ def test_near_views_that_were_seen_less_is_promised(angle_deg: float, share: flo
     assert fresh.pose[0] > 0.1
     np.testing.assert_allclose(promise.candidate, share * fresh.candidate, rtol=1e-6)
     np.testing.assert_allclose(promise.pose, share * fresh.pose, rtol=1e-6)
+
+
+def test_where_the_models_have_no_views_a_look_promises_nothing() -> None:
+    rings = predictions_of((ring_model("a", 1), ring_model("b", 2)))
+    bits = promised(rings, samples((0, np.eye(3), 0.5), (1, np.eye(3), 0.5)), VIEWS).candidate
+    height = np.abs(VIEWS[:, 2])
+    assert bits[height < 0.1].min() > 0.1
+    assert (bits[height > 0.5] == 0.0).all()

@@ -1,8 +1,8 @@
 """What of a feature tells views and objects apart, and what is only light, noise and error between the views.
 
 Features are embedded so that similarity is an inner product, and then projected to where the views of all candidates
-differ most in comparison to looks at the same view (Fisher's linear discriminants). A look's residual, its difference
-from what a model predicts there, has about unit variance in every direction afterwards.
+differ most in comparison to looks at the same view (Fisher's linear discriminants). A look's residual is its difference
+from what a model predicts there.
 """
 
 from __future__ import annotations

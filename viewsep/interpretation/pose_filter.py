@@ -26,9 +26,9 @@ SHOWN = 50  # hypotheses per candidate that are shown to people
 POSED = 8  # likeliest candidates whose poses are worked out
 SAMPLED, SAMPLES, FEWEST_SAMPLES = 5, 40, 8  # candidates, and rotations of all and of each, that stand for all
 PROMOTED = 8  # parked candidates that are taken up again in one step at most
-DOUBT = 0.05
-REFINED_BELOW_RAD = np.radians(15.0)
-PLACE_RAD = np.radians(12.0)
+DOUBT = 0.05  # least weight of a plausible candidate's samples
+REFINED_BELOW_RAD = np.radians(15.0)  # of spread: else there is more than one way to hold it
+PLACE_RAD = np.radians(12.0)  # around a view that must not decide alone
 CALM_BOUNDS = (0.02, 0.98)  # of the probability that looks are clean: the light may change
 
 
@@ -230,17 +230,9 @@ class FilterInterpreter:
         posterior = state.posterior
         probability = posterior.probabilities()
         order = np.argsort(-probability, kind="stable")
-        rotations = np.repeat(np.eye(3)[None], len(probability), axis=0)
-        variance = np.full(len(probability), np.inf)
-        place = {int(k): a for a, k in enumerate(posterior.active)}
-        posed = [int(k) for k in order[:POSED] if int(k) in place]
-        for k in posed:
-            rotations[k], variance[k] = self.grid.pose(posterior.log_p[place[k]])
-        best = int(order[0])
-        if variance[best] < REFINED_BELOW_RAD**2:
-            rotations[best], variance[best] = refined(
-                self.predictions, best, rotations[best], state.looks, state.views, state.shares
-            )
+        followed = set(posterior.active.tolist())
+        posed = [int(k) for k in order[:POSED] if int(k) in followed]
+        rotations, variance = self._poses(state, posed)
         limit = np.radians(self.options.pose_within_deg) ** 2
         none = float(np.exp(posterior.none))
         leader = int(order[0]) if self._sure(state, int(order[0]), probability, none) else -1
@@ -257,7 +249,7 @@ class FilterInterpreter:
                 rotation=rotations[k],
                 variance=float(variance[k]),
                 converged=bool(variance[k] < limit),
-                hypotheses=self.options.rotations if k in place else 0,
+                hypotheses=self.options.rotations if k in followed else 0,
                 probability=float(probability[k]),
             )
             for k, name in enumerate(self.predictions.names)
@@ -283,6 +275,19 @@ class FilterInterpreter:
             conclusion=self._concluded(state, leader, probability, none),
             samples=self._samples(state, [k for k in posed if plausible[k]][:SAMPLED], probability),
         )
+
+    def _poses(self, state: FilterState, posed: Sequence[int]) -> tuple[FloatArray, FloatArray]:
+        """(K, 3, 3), and (K,) mean squared angles, of the candidates `posed`, the first one finer; others infinite."""
+        posterior, count = state.posterior, len(self.predictions.names)
+        rotations, variance = np.repeat(np.eye(3)[None], count, axis=0), np.full(count, np.inf)
+        for k in posed:
+            rotations[k], variance[k] = self.grid.pose(posterior.log_p[np.searchsorted(posterior.active, k)])
+        for k in posed[:1]:
+            if variance[k] < REFINED_BELOW_RAD**2:
+                rotations[k], variance[k] = refined(
+                    self.predictions, k, rotations[k], state.looks, state.views, state.shares
+                )
+        return rotations, variance
 
     def _sure(self, state: FilterState, who: int, probability: FloatArray, none: float) -> bool:
         """Whether `who` (K: none of them) is as good as certain, and no single place decides that.

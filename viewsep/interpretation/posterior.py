@@ -22,8 +22,8 @@ class Posterior:
     """Logarithms of probabilities that sum to 1 over all candidates and `none` of them.
 
     `active` (A,) are the candidates whose rotations are followed, in order, `log_p` (A, G) float32; `parked` (K,) are
-    estimates of the others' probabilities, -inf for active ones. `evidence` is what was taken off all of
-    them so that they sum to 1.
+    estimates of the others' probabilities, -inf for active ones. `evidence` is what was taken off all of them so that
+    they sum to 1.
     """
 
     active: Array

@@ -35,7 +35,7 @@ class Predictions:
 
     `laws` are those of looks as clean as the model's views, and of disturbed ones. Residuals of one look are not
     independent of each other, so evidence is tempered by `temper`, at which the trials' views are found with the
-    probability that they are given. Half of the trials make the metric, the other half laws, scales and temper.
+    probability that they are given. Half of the trials make the metric, the other half laws and temper.
     """
 
     def __init__(self, models: Sequence[AspectGraph]) -> None:
@@ -133,7 +133,7 @@ class Predictions:
         return self._mixed(np.maximum(at, 0.0), 0.5).astype(np.float64)
 
     def known(self, candidate: int, cells: Array) -> Array:
-        """(N,) cells -> (N,) bool: whether the candidate has views there."""
+        """(...) cells -> (...) bool: whether the candidate has views there."""
         covered: Array = self._covered[candidate, cells]
         return covered
 

@@ -20,6 +20,9 @@ from viewsep.planning.reachable import ReachableViews
 
 ON_THE_WAY_RAD = np.radians(10.0)  # between the looks that a motion is taken to give
 UNREACHABLE_VIEWS = 200  # on the whole sphere, where a view is looked for that would help
+WORTH_SAYING = 5.0  # times what a reachable view must promise
+STILL_LIKELY, TOGETHER = 0.05, 0.9  # share of the likeliest one's probability, and sum, of candidates that are alike
+SURE_OF_IT = 0.95  # of the best view's information on the way: the rest stays open
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,7 +107,7 @@ class InformationPlanner:
         node, there, length = self.reachable.ways(here, self._views, ON_THE_WAY_RAD)
         seen = np.where(there, bits[self._view_of[node]], 0.0)
         limit = float(bits.max())
-        gain = limit * (1.0 - np.prod(1.0 - 0.95 * seen / limit, axis=1))
+        gain = limit * (1.0 - np.prod(1.0 - SURE_OF_IT * seen / limit, axis=1))
         rate = gain / (self.options.settling_s + length / self.reachable.speed_rad_s)
         best = int(np.argmax(np.where(length < 0.5 * self._step_rad, 0.0, rate)))  # here it has looked already
         target = self._views[best]
@@ -122,8 +125,8 @@ class InformationPlanner:
         if belief.conclusion is not None:
             return Conclusion(Outcome.IDENTIFIED, "no view that this rig can show promises more about its pose")
         probability = np.array([candidate.probability or 0.0 for candidate in belief.estimate.candidates])
-        alike = np.flatnonzero(probability > 0.05 * probability.max())
-        if len(alike) < 2 or probability[alike].sum() < 0.9:
+        alike = np.flatnonzero(probability > STILL_LIKELY * probability.max())
+        if len(alike) < 2 or probability[alike].sum() < TOGETHER:
             return None
         reason = "no view that this rig can show tells them apart"
         return Conclusion(
@@ -131,10 +134,13 @@ class InformationPlanner:
         )
 
     def _telling_view(self, samples: PoseSamples) -> FloatArray | None:
-        """Of all views the one that promises the most, where that is anything."""
-        bits = promised(self.predictions, samples, self._anywhere).candidate
+        """Of the views out of reach the one that promises the most, where that is anything."""
+        views = self._anywhere[~self.reachable.reaches(self._anywhere)]
+        if len(views) == 0:
+            return None
+        bits = promised(self.predictions, samples, views).candidate
         best = int(np.argmax(bits))
-        return self._anywhere[best] if bits[best] >= 5.0 * self.options.least_bits else None
+        return views[best] if bits[best] >= WORTH_SAYING * self.options.least_bits else None
 
     @property
     def _step_rad(self) -> float:

@@ -27,7 +27,8 @@ def promised(predictions: Predictions, samples: PoseSamples, views: FloatArray) 
     The information is the entropy of the mixture of all samples' predictions less that of each candidate's own; the
     entropy of a mixture is estimated by the overlaps of its parts (Kolchinsky and Tracey 2017, with Bhattacharyya's).
     """
-    overlap = _overlap(predictions, _shown(predictions, samples, views))
+    shown, known = _shown(predictions, samples, views)
+    overlap = _overlap(predictions, shown)
     weight = samples.weight / samples.weight.sum()
     same = samples.owner[:, None] == samples.owner[None, :]
     owners = (same * weight).sum(axis=1)
@@ -35,22 +36,24 @@ def promised(predictions: Predictions, samples: PoseSamples, views: FloatArray) 
     own = -np.log2((overlap * same) @ weight / owners)
     leader = samples.owner[np.argmax(owners)]
     of_leader = np.where(samples.owner == leader, weight, 0.0)
-    share = independent_share(views, samples.seen, samples.independent_rad)
+    share = independent_share(views, samples.seen, samples.independent_rad) * (known @ weight)
     candidate: FloatArray = share * np.maximum(mixed - own @ weight, 0.0)
     pose: FloatArray = share * np.maximum(own @ of_leader / of_leader.sum(), 0.0)
     return Promise(candidate, pose)
 
 
-def _shown(predictions: Predictions, samples: PoseSamples, views: FloatArray) -> Array:
-    """(V, S, M) what each sample predicts from each view; where its model has no view, what it shows nearest."""
+def _shown(predictions: Predictions, samples: PoseSamples, views: FloatArray) -> tuple[Array, FloatArray]:
+    """(V, S, M) what each sample predicts from each view, and (V, S) 1 where its model has a view close by, else 0."""
     seen = np.einsum("sji,vj->svi", samples.rotation, views)
     cells = cell_of(*np.moveaxis(seen, 2, 0))
     shown = np.empty((len(views), len(samples.owner), predictions.dimensions), np.float32)
+    known = np.empty((len(views), len(samples.owner)))
     for k in np.unique(samples.owner):
         mine = np.flatnonzero(samples.owner == k)
         predicted = predictions.prediction(int(k), cells[mine].ravel())
         shown[:, mine] = predicted.reshape(len(mine), len(views), -1).transpose(1, 0, 2)
-    return shown
+        known[:, mine] = predictions.known(int(k), cells[mine]).T
+    return shown, known
 
 
 def _overlap(predictions: Predictions, shown: Array) -> FloatArray:
