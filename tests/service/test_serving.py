@@ -36,7 +36,7 @@ def command(service: Serving, *typed: str) -> subprocess.CompletedProcess[str]:
 
 def test_start_and_watch_end_with_the_right_object_and_its_recording_replays(service: Serving) -> None:
     with serving(service):
-        started = command(service, "start", "--seed", "1", "--pose-tolerance", "5")
+        started = command(service, "start", "--seed", "1", "--pose-tolerance", "3.5")
         assert started.returncode == 0, started.stderr
         watched = command(service, "watch")
         assert watched.returncode == 0, watched.stdout + watched.stderr
@@ -48,7 +48,7 @@ def test_start_and_watch_end_with_the_right_object_and_its_recording_replays(ser
     assert said.result.object == "product_7"
     assert complete(said.result, service.folder) > 30
     (recording,) = (service.folder / "recordings").glob("*.mcap")
-    assert json.loads(read_recording(recording).metadata["config"]["json"])["task"]["pose_tolerance_deg"] == 5.0
+    assert json.loads(read_recording(recording).metadata["config"]["json"])["task"]["pose_tolerance_deg"] == 3.5
 
 
 def test_one_task_at_a_time_and_only_its_owner_cancels_it(service: Serving) -> None:
