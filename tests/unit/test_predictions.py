@@ -7,12 +7,13 @@ from functools import cache
 
 import numpy as np
 import pytest
-from painted import NODES, model, noisy, painted, ring_model, unit
+from painted import NODES, TWIN, model, noisy, painted, ring_model, unit
 
 from viewsep.geometry import angle_between, axis_rotation
-from viewsep.interpretation.predictions import CALM, DISTURBED, TEMPERS, Predictions, predictions_of
+from viewsep.interpretation.predictions import CALM, DISTURBED, STRANGE, TEMPERS, Predictions, predictions_of
 from viewsep.interpretation.view_cells import CELLS, cell_directions, cell_of
 from viewsep.messages import Array, FloatArray
+from viewsep.trials import trial_directions
 
 BOTH = np.arange(2)
 ANYWHERE = unit(np.random.default_rng(3).normal(size=(20, 3)))
@@ -129,14 +130,39 @@ def test_the_surer_one_is_of_calm_looks_the_less_a_spoilt_one_is_likely() -> Non
 def test_a_look_is_best_explained_by_its_object_then_by_an_unknown_one_then_by_another(noise: float | None) -> None:
     library = [model(f"m{k}", 20 + k, noise=noise, disturbed=noise or 0.0) for k in range(8)]
     predictions, candidates = Predictions(library), np.arange(8)
-    for view in ANYWHERE:
-        own = look_at(predictions, view, 20)
-        assert predictions.log_likelihood(own, candidates, 0.5)[0, cell_at(view)] > predictions.log_of_others(own) + 5.0
+    of_own = [look_at(predictions, view, 20) for view in ANYWHERE]
+    own = [
+        predictions.log_likelihood(look, candidates, 0.5)[0, cell_at(view)] - predictions.log_of_others
+        for look, view in zip(of_own, ANYWHERE, strict=True)
+    ]
+    assert min(own) > 0.0
+    assert np.mean(own) > 5.0
     of_foreign = [look_at(predictions, view, 60) for view in ANYWHERE]
     best = [float(predictions.log_likelihood(look, candidates, 0.5).max()) for look in of_foreign]
-    others = [predictions.log_of_others(look) for look in of_foreign]
-    assert np.mean(np.array(others) > best) >= 0.9
-    assert np.mean(others) > np.mean(best) + 5.0
+    assert np.mean(predictions.log_of_others > np.array(best)) >= 0.9
+    assert predictions.log_of_others > np.mean(best) + 5.0
+
+
+def test_only_the_strangest_looks_at_candidates_are_likelier_to_be_at_none_of_them() -> None:
+    library = [model(f"m{k}", 20 + k, noise=0.05, disturbed=0.3) for k in range(8)]
+    predictions = Predictions(library)
+    strange = []
+    for k in range(8):
+        views = trial_directions(200)[100:]
+        looks = predictions.metric.project(noisy(painted(views, 20 + k), 0.3, 900 + k))
+        own = [
+            predictions.log_likelihood(look, np.array([k]), 0.5)[0, cell_at(view)]
+            for look, view in zip(looks, views, strict=True)
+        ]
+        strange += [float(log) < predictions.log_of_others for log, look in zip(own, looks, strict=True)]
+    assert 0.3 * STRANGE < np.mean(strange) < 3.0 * STRANGE
+
+
+def test_twins_too_know_a_look_at_another_object() -> None:
+    twins = Predictions([model("a", 1, noise=0.05, disturbed=0.3), model("b", 1, TWIN, noise=0.05, disturbed=0.3)])
+    foreign = [look_at(twins, view, 60) for view in ANYWHERE]
+    stranger = [twins.log_of_others > twins.log_likelihood(look, BOTH, 0.5).max() for look in foreign]
+    assert np.mean(stranger) >= 0.9
 
 
 def test_where_a_model_has_no_view_a_look_is_as_likely_as_at_any_object() -> None:
@@ -147,9 +173,9 @@ def test_where_a_model_has_no_view_a_look_is_as_likely_as_at_any_object() -> Non
     known = predictions.known(0, np.arange(CELLS))
     assert known[height < 0.1].all()
     assert not known[height > 0.4].any()
-    assert (likelihood[:, ~known] == np.float32(predictions.log_of_others(look))).all()
-    assert (likelihood[:, known] != np.float32(predictions.log_of_others(look))).mean() > 0.99
-    assert likelihood[0, known].max() > predictions.log_of_others(look)
+    assert (likelihood[:, ~known] == np.float32(predictions.log_of_others)).all()
+    assert (likelihood[:, known] != np.float32(predictions.log_of_others)).mean() > 0.99
+    assert likelihood[0, known].max() > predictions.log_of_others
 
 
 def test_the_fit_is_one_for_a_view_itself_and_falls_with_the_difference() -> None:
@@ -211,7 +237,7 @@ def test_models_with_different_views_can_be_candidates_together() -> None:
     predictions = Predictions([ring_model("a", 1), model("b", 2)])
     assert predictions.starts.tolist() == [0, 24]
     assert len(predictions.views) == 124
-    view = unit(np.array([0.3, 0.8, 0.05]))
+    view = unit(np.array([0.3, 0.8, 0.0]))  # on the ring: beside it, the ring knows nothing
     for candidate, paint in ((0, 1), (1, 2)):
         likelihood = predictions.log_likelihood(look_at(predictions, view, paint), BOTH, 0.5)
         owner, cell = np.unravel_index(np.argmax(likelihood), likelihood.shape)

@@ -23,12 +23,16 @@ HALVED = 0.5  # a residual of a view from its neighbours, as one between them wo
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Residuals:
-    """`looks` (R, E) embedded and what the model predicts there, `predicted` (R, E); `disturbed` (R,); `cell` (R,)."""
+    """`looks` (R, E) embedded and what the model predicts there, `predicted` (R, E); `disturbed` (R,); `cell` (R,).
+
+    `halved` (R,) says whose difference from the prediction was halved.
+    """
 
     looks: Array
     predicted: Array
     disturbed: BoolArray
     cell: Array
+    halved: BoolArray
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -77,7 +81,8 @@ def residuals_of(model: AspectGraph, interpolation: Interpolation) -> Residuals:
     if trials is not None and len(trials.directions):
         cell = cell_of(*trials.directions.T)
         shown = np.einsum("rj,rje->re", interpolation.weight[cell], views[interpolation.node[cell]])
-        parts.append(Residuals(embedded(trials.features), shown, trials.disturbed, cell))
+        tried = embedded(trials.features)
+        parts.append(Residuals(tried, shown, trials.disturbed, cell, np.zeros(len(tried), bool)))
     if trials is None or trials.disturbed.all():
         parts.append(_left_out(model, views))
     return Residuals(
@@ -85,6 +90,7 @@ def residuals_of(model: AspectGraph, interpolation: Interpolation) -> Residuals:
         np.concatenate([part.predicted for part in parts]),
         np.concatenate([part.disturbed for part in parts]),
         np.concatenate([part.cell for part in parts]),
+        np.concatenate([part.halved for part in parts]),
     )
 
 
@@ -98,7 +104,8 @@ def _left_out(model: AspectGraph, views: Array) -> Residuals:
     mean = adjacent[known] @ views / degree[known, None]
     looks = views[known]
     half_way = looks + np.float32(HALVED) * (mean - looks)
-    return Residuals(looks, half_way, np.zeros(len(looks), bool), cell_of(*model.directions[known].T))
+    cell, clean, halved = cell_of(*model.directions[known].T), np.zeros(len(looks), bool), np.ones(len(looks), bool)
+    return Residuals(looks, half_way, clean, cell, halved)
 
 
 def _shrunk(within: Array, between: Array) -> Array:

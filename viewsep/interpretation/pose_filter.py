@@ -28,7 +28,8 @@ SAMPLED, SAMPLES, FEWEST_SAMPLES = 5, 40, 8  # candidates, and rotations of all 
 PROMOTED = 8  # parked candidates that are taken up again in one step at most
 DOUBT = 0.05  # least weight of a plausible candidate's samples
 REFINED_BELOW_RAD = np.radians(15.0)  # of spread: else there is more than one way to hold it
-PLACE_RAD = np.radians(12.0)  # around a view that must not decide alone
+PLACE_RAD = np.radians(12.0)  # around a view that must not decide alone who it is
+REGION_RAD = np.radians(45.0)  # nor that it is nobody: a model may be wrong in a whole region
 CALM_BOUNDS = (0.02, 0.98)  # of the probability that looks are clean: the light may change
 
 
@@ -160,7 +161,7 @@ class FilterInterpreter:
         best = np.zeros(len(posterior.parked))
         if len(posterior.active) < len(best):
             best = share * self.predictions.best_log_likelihood(look, calm).astype(np.float64)
-        none = share * self.predictions.log_of_others(look)
+        none = share * self.predictions.log_of_others
         return posterior.times(likelihood, self.grid.cells(view), best, none)
 
     def _lost(self, posterior: Posterior) -> bool:
@@ -290,14 +291,15 @@ class FilterInterpreter:
         return rotations, variance
 
     def _sure(self, state: FilterState, who: int, probability: FloatArray, none: float) -> bool:
-        """Whether `who` (K: none of them) is as good as certain, and no single place decides that.
+        """Whether `who` (K: none of them) is as good as certain, and no single place, or region, decides that.
 
         A model errs in the same way wherever one looks from about the same place.
         """
         everybody = np.append(probability, none)
         if everybody[who] < self.options.confidence:
             return False
-        elsewhere = state.views @ state.views.T <= np.cos(PLACE_RAD)
+        alone = PLACE_RAD if who < len(probability) else REGION_RAD
+        elsewhere = state.views @ state.views.T <= np.cos(alone)
         with np.errstate(divide="ignore"):
             without = np.repeat((np.log(state.prior[who]) - np.log(state.prior))[None], len(elsewhere), axis=0)
         for counts, gain in zip(elsewhere.T, state.gains[:, [who]] - state.gains, strict=True):

@@ -9,7 +9,7 @@ from functools import lru_cache
 import numpy as np
 
 from viewsep.interpretation.law import Law
-from viewsep.interpretation.metric import Metric, Residuals, embedded, residuals_of
+from viewsep.interpretation.metric import HALVED, Metric, Residuals, embedded, residuals_of
 from viewsep.interpretation.view_cells import CELLS, Interpolation, cell_directions
 from viewsep.messages import Array, FloatArray
 from viewsep.models.aspect_graph import AspectGraph
@@ -17,14 +17,18 @@ from viewsep.models.aspect_graph import AspectGraph
 CALM, DISTURBED = 0, 1
 TEMPERS = tuple(np.round(np.geomspace(0.05, 0.5, 12), 4))
 TEMPERED_ON, NEAR_RAD = 240, np.radians(8.0)
-HEAVIER = 0.5  # degrees of freedom of what is none of them, of the laws': far from everything it is the likeliest
+STRANGE = 0.03  # of the looks at candidates fit them so badly that they are as likely to be at none of them
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class _Measured:
-    """A model's residuals that had no part in the metric: squared lengths (R,), level (R,), cell (R,), looks (R, M)."""
+    """A model's residuals that had no part in the metric: squared lengths (R,), level (R,), cell (R,), looks (R, M).
+
+    `worst2` (R,) are the squared lengths of those that were halved as if they had not been.
+    """
 
     distance2: FloatArray
+    worst2: FloatArray
     level: Array
     cell: Array
     looks: Array
@@ -36,6 +40,8 @@ class Predictions:
     `laws` are those of looks as clean as the model's views, and of disturbed ones. Residuals of one look are not
     independent of each other, so evidence is tempered by `temper`, at which the trials' views are found with the
     probability that they are given. Half of the trials make the metric, the other half laws and temper.
+    `log_of_others` is the tempered log-likelihood of any look at an object that is no candidate: as likely as the
+    strangest looks at candidates. How others look cannot be learned from twins; how the candidates look at worst, can.
     """
 
     def __init__(self, models: Sequence[AspectGraph]) -> None:
@@ -56,8 +62,8 @@ class Predictions:
         self._norm2 = np.stack([self._predicted_norm2(k) for k in range(len(models))])
         measured = [_measured(residual, self.metric) for residual in residuals]
         self.laws = _laws(measured, self.dimensions)
-        self._of_others, self._volume = _others(self.views, self.laws)
         self.temper = self._best_temper(measured)
+        self.log_of_others = self._log_of_strange(measured)
 
     @property
     def dimensions(self) -> int:
@@ -83,7 +89,7 @@ class Predictions:
         the look is as likely as one at any object.
         """
         seen = self._mixed(self.distance2(look, candidates), calm)
-        return np.where(self._covered[candidates], seen, np.float32(self.log_of_others(look)))
+        return np.where(self._covered[candidates], seen, np.float32(self.log_of_others))
 
     def best_log_likelihood(self, look: Array, calm: float) -> Array:
         """(M,) projected look -> (K,) float32 at the most similar mixture of two neighbouring views."""
@@ -104,13 +110,6 @@ class Predictions:
         distance2 = (1.0 - share) * of_a + share * of_b - share * (1.0 - share) * self._edge_length2
         nearest: Array = np.minimum.reduceat(distance2, self._edge_starts) + look @ look
         return np.maximum(nearest, 0.0)
-
-    def log_of_others(self, look: Array) -> float:
-        """The tempered log-likelihood of a look at an object that is no candidate: the law of all candidates' views."""
-        law, variance = self._of_others, self._volume
-        distance2 = np.atleast_1d(look / variance @ look)
-        density = float(law.log(distance2)[0]) - 0.5 * float(np.log(variance).sum())
-        return self.temper * density
 
     def disturbance(self, look: Array, candidate: int, cell: int) -> float:
         """The logarithm of how much more likely a look is as a disturbed one than as a clean one, from a cell."""
@@ -150,6 +149,12 @@ class Predictions:
         shown = self.prediction(k, np.arange(CELLS))
         norm2: Array = np.einsum("ne,ne->n", shown, shown)
         return norm2
+
+    def _log_of_strange(self, measured: Sequence[_Measured]) -> float:
+        """The tempered log-likelihood that the strangest of clean looks, or of disturbed ones if less, do not reach."""
+        log = np.concatenate([self._mixed(one.worst2, 0.5) for one in measured])
+        level = np.concatenate([one.level for one in measured])
+        return min(float(np.quantile(log[level == kind], STRANGE)) for kind in np.unique(level))
 
     def _best_temper(self, measured: Sequence[_Measured]) -> float:
         """The power of the likelihood at which the trials' true views are the most probable ones."""
@@ -198,7 +203,10 @@ def _measured(residuals: Residuals, metric: Metric) -> _Measured:
     odd = slice(1, None, 2)
     looks, predicted = (part[odd] @ metric.projection for part in (residuals.looks, residuals.predicted))
     distance2 = ((looks - predicted) ** 2).sum(axis=1).astype(np.float64)
-    return _Measured(distance2, residuals.disturbed[odd].astype(int), residuals.cell[odd], looks - metric.centre)
+    worst2 = np.where(residuals.halved[odd], distance2 / HALVED**2, distance2)
+    return _Measured(
+        distance2, worst2, residuals.disturbed[odd].astype(int), residuals.cell[odd], looks - metric.centre
+    )
 
 
 def _laws(measured: Sequence[_Measured], dimensions: int) -> tuple[Law, Law]:
@@ -208,14 +216,6 @@ def _laws(measured: Sequence[_Measured], dimensions: int) -> tuple[Law, Law]:
     found = [distance2[level == kind] for kind in (CALM, DISTURBED)]
     calm, disturbed = (Law.fit(part if len(part) else distance2, dimensions) for part in found)
     return calm, disturbed
-
-
-def _others(views: Array, laws: Sequence[Law]) -> tuple[Law, Array]:
-    """The law of all candidates' views (N, M), with a heavier tail than looks at them have, and their variance (M,)."""
-    variance = np.maximum(views.var(axis=0, dtype=np.float64), 1e-9).astype(np.float32)
-    freedom = HEAVIER * min(law.freedom for law in laws)
-    law = Law.fit((views**2 / variance).sum(axis=1).astype(np.float64), views.shape[1], [freedom])
-    return law, variance
 
 
 def _edges_of(models: Sequence[AspectGraph], starts: Array) -> tuple[Array, Array]:

@@ -11,18 +11,19 @@ from viewsep.interpretation.predictions import Predictions
 from viewsep.interpretation.view_cells import cell_of
 from viewsep.messages import Array, FloatArray
 
-REACH_DEG, STEP_DEG = 12.0, 3.0  # of the rotations that are tried
-LATEST = 16  # looks that judge them
-MODEL_ERROR_DEG = 3.0  # by which poses are off even where all looks agree: models are no better between their views
+BALLS_DEG = ((16.0, 8.0), (9.0, 3.0))  # reach and step of the rotations that are tried, around the best and then finer
+LATEST = 24  # looks that judge them
 LEAST_SHARE = 0.3  # of evidence of its own, for a look to be among them
+REGION_RAD = np.radians(30.0)  # within which a model errs in one way
+REGION_ERROR_RAD = np.radians(7.0)  # of a pose from looks at one region, however many agree
 
 
 @cache
-def _around() -> tuple[FloatArray, FloatArray]:
+def _ball(reach_deg: float, step_deg: float) -> tuple[FloatArray, FloatArray]:
     """(J, 3) rotation vectors in a ball, and (J, 3, 3) the rotations."""
-    steps = np.radians(np.arange(-REACH_DEG, REACH_DEG + STEP_DEG, STEP_DEG))
+    steps = np.radians(np.arange(-reach_deg, reach_deg + step_deg, step_deg))
     vectors = np.stack(np.meshgrid(steps, steps, steps, indexing="ij"), axis=-1).reshape(-1, 3)
-    vectors = vectors[np.linalg.norm(vectors, axis=1) <= np.radians(REACH_DEG) + 1e-9]
+    vectors = vectors[np.linalg.norm(vectors, axis=1) <= np.radians(reach_deg) + 1e-9]
     return vectors, Rotation.from_rotvec(vectors).as_matrix()
 
 
@@ -33,13 +34,25 @@ def refined(
     chosen = np.flatnonzero(shares >= LEAST_SHARE)[-LATEST:]
     if len(chosen) == 0:
         return rotation, float("inf")
-    vectors, turns = _around()
-    seen = np.einsum("lk,jki->jli", views[chosen], turns @ rotation)
-    cells = cell_of(*np.moveaxis(seen, 2, 0))
-    log = predictions.log_at(looks[chosen], candidate, cells) @ shares[chosen]
-    weight = np.exp(log - log.max())
-    weight /= weight.sum()
-    mean = weight @ vectors
-    spread = float(weight @ ((vectors - mean) ** 2).sum(axis=1))
-    better: FloatArray = Rotation.from_rotvec(mean).as_matrix() @ rotation
-    return better, spread + np.radians(MODEL_ERROR_DEG) ** 2
+    looks, views, shares = looks[chosen], views[chosen], shares[chosen]
+    spread = 0.0
+    for ball in BALLS_DEG:
+        vectors, turns = _ball(*ball)
+        seen = np.einsum("lk,jki->jli", views, turns @ rotation)
+        log = predictions.log_at(looks, candidate, cell_of(*np.moveaxis(seen, 2, 0))) @ shares
+        weight = np.exp(log - log.max())
+        weight /= weight.sum()
+        mean = weight @ vectors
+        spread = float(weight @ ((vectors - mean) ** 2).sum(axis=1))
+        rotation = Rotation.from_rotvec(mean).as_matrix() @ rotation
+    return rotation, spread + REGION_ERROR_RAD**2 / _regions(views)
+
+
+def _regions(views: FloatArray) -> int:
+    """How many of the views (L, 3) lie in regions of their own."""
+    apart = views @ views.T < np.cos(REGION_RAD)
+    kept: list[int] = []
+    for view in range(len(views)):
+        if apart[view, kept].all():
+            kept.append(view)
+    return len(kept)
