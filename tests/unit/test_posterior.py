@@ -91,7 +91,7 @@ def test_a_look_multiplies_every_rotation_by_the_likelihood_of_its_cell() -> Non
 
 
 def test_the_neighbours_of_a_rotation_are_the_nearest_ones() -> None:
-    grid, near = rotation_grid(GRID), neighbours_of(GRID)
+    grid, near = rotation_grid(GRID), neighbours_of(GRID).T
     assert near.shape == (GRID, NEIGHBOURS)
     for rotation in range(0, GRID, 97):
         angle = rotation_angle(grid, grid[rotation])
@@ -115,7 +115,7 @@ def test_diffusion_spreads_to_neighbours_only() -> None:
     after = np.exp(peaked(rotation).diffused(share, GRID).log_p[0].astype(float))
     assert after[rotation] == pytest.approx(1.0 - share, abs=1e-5)
     given_to = np.flatnonzero(after > 1e-6)
-    next_to = np.flatnonzero((neighbours_of(GRID) == rotation).any(axis=1))
+    next_to = np.flatnonzero((neighbours_of(GRID) == rotation).any(axis=0))
     np.testing.assert_array_equal(given_to, np.union1d(next_to, [rotation]))
     np.testing.assert_allclose(after[next_to], share / NEIGHBOURS, rtol=1e-3)
     angle = rotation_angle(rotation_grid(GRID)[given_to], rotation_grid(GRID)[rotation])

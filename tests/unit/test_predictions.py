@@ -180,10 +180,10 @@ def test_where_a_model_has_no_view_a_look_is_as_likely_as_at_any_object() -> Non
 
 def test_the_fit_is_one_for_a_view_itself_and_falls_with_the_difference() -> None:
     predictions = learned()
-    itself = predictions.fit(predictions.views[7])  # of candidate 0
+    itself = predictions.fit(predictions.nearest2(predictions.views[7]))  # of candidate 0
     assert itself[0] == pytest.approx(1.0, abs=1e-3)
-    foreign = np.array([predictions.fit(look_at(predictions, view, 9)) for view in ANYWHERE])
-    near = np.array([predictions.fit(look_at(predictions, view, 2)) for view in ANYWHERE])
+    foreign = np.array([predictions.fit(predictions.nearest2(look_at(predictions, view, 9))) for view in ANYWHERE])
+    near = np.array([predictions.fit(predictions.nearest2(look_at(predictions, view, 2))) for view in ANYWHERE])
     assert ((foreign > 0.0) & (foreign < 1.0)).all()
     assert near[:, 1].min() > foreign.mean()
     assert near[:, 1].mean() > 2.0 * near[:, 0].mean()
@@ -192,8 +192,8 @@ def test_the_fit_is_one_for_a_view_itself_and_falls_with_the_difference() -> Non
 def test_the_most_similar_view_is_rated_as_the_likelihood_rates_it() -> None:
     predictions = predictions_of((model("a", 1), model("b", 2)))
     for node in (3, 60):
-        likelihood = predictions.best_log_likelihood(predictions.views[node], 0.5)
-        same = predictions.best_log_likelihood(predictions.views[100 + node], 0.5)
+        likelihood = predictions.best_log_likelihood(predictions.nearest2(predictions.views[node]), 0.5)
+        same = predictions.best_log_likelihood(predictions.nearest2(predictions.views[100 + node]), 0.5)
         assert likelihood[0] > likelihood[1]
         assert same[1] > same[0]
         assert likelihood[0] == pytest.approx(same[1], rel=1e-3)  # nothing is off, at either

@@ -113,7 +113,8 @@ class FilterInterpreter:
         spacing = spacing_rad_of(self.options.rotations)
         noise = turned * min(1.0, (np.radians(self.options.motion_noise_deg) / spacing) ** 2)
         before = state.posterior.diffused(noise, self.options.rotations)
-        seen = self._seen(before, look, view, share, state.calm)
+        nearest2 = self.predictions.nearest2(look)
+        seen = self._seen(before, look, view, share, state.calm, nearest2)
         after = replace(
             state,
             posterior=seen.normalised(self.options.floor),
@@ -125,10 +126,10 @@ class FilterInterpreter:
         )
         slipped = state.settled and self._lost(after.posterior) and state.slips < self.options.slips
         if slipped:
-            after = self._searched_anew(state, after)
+            after = self._searched_anew(state, after, nearest2)
         after = self._follow(after)
         after = replace(after, calm=self._calm(after, share))
-        interpretation = self._interpret(after, percept, slipped)
+        interpretation = self._interpret(after, percept, slipped, nearest2)
         return replace(after, settled=interpretation.converged), interpretation
 
     @property
@@ -156,11 +157,11 @@ class FilterInterpreter:
         parked[active] = -np.inf
         return Posterior(active, log_p, parked, log_none)
 
-    def _seen(self, posterior: Posterior, look: Array, view: FloatArray, share: float, calm: float) -> Posterior:
+    def _seen(
+        self, posterior: Posterior, look: Array, view: FloatArray, share: float, calm: float, nearest2: Array
+    ) -> Posterior:
         likelihood = np.float32(share) * self.predictions.log_likelihood(look, posterior.active, calm)
-        best = np.zeros(len(posterior.parked))
-        if len(posterior.active) < len(best):
-            best = share * self.predictions.best_log_likelihood(look, calm).astype(np.float64)
+        best = share * self.predictions.best_log_likelihood(nearest2, calm).astype(np.float64)
         none = share * self.predictions.log_of_others
         return posterior.times(likelihood, self.grid.cells(view), best, none)
 
@@ -168,14 +169,14 @@ class FilterInterpreter:
         """Whether the looks have stopped to fit any candidate."""
         return bool(posterior.none > np.log(0.5))
 
-    def _searched_anew(self, before: FilterState, after: FilterState) -> FilterState:
+    def _searched_anew(self, before: FilterState, after: FilterState, nearest2: Array) -> FilterState:
         """The object has slipped: who it is stays likely, how it is held is open; only the last look counts."""
         known = before.posterior.probabilities()
         none = self.options.unknown_prior
         prior = np.append((1.0 - none) * (0.5 * known / known.sum() + 0.5 / len(known)), none)
         look, view = after.looks[-1], after.views[-1]
         opened = self._opened(prior)
-        seen = self._seen(opened, look, view, 1.0, after.calm)
+        seen = self._seen(opened, look, view, 1.0, after.calm, nearest2)
         return replace(
             after,
             posterior=seen.normalised(self.options.floor),
@@ -227,7 +228,7 @@ class FilterInterpreter:
         odds = np.log(state.calm / (1.0 - state.calm)) - share * worse
         return float(np.clip(1.0 / (1.0 + np.exp(-odds)), *CALM_BOUNDS))
 
-    def _interpret(self, state: FilterState, percept: Percept, slipped: bool) -> Interpretation:
+    def _interpret(self, state: FilterState, percept: Percept, slipped: bool, nearest2: Array) -> Interpretation:
         posterior = state.posterior
         probability = posterior.probabilities()
         order = np.argsort(-probability, kind="stable")
@@ -239,7 +240,7 @@ class FilterInterpreter:
         leader = int(order[0]) if self._sure(state, int(order[0]), probability, none) else -1
         plausible = probability > 0.01 * probability.max()
         plausible[order[:2]] = True
-        fit = self.predictions.fit(state.looks[-1])
+        fit = self.predictions.fit(nearest2)
         candidates = tuple(
             CandidateEstimate(
                 name=name,

@@ -14,6 +14,7 @@ from viewsep.interpretation.view_cells import cell_of
 from viewsep.messages import Array, FloatArray
 
 NEIGHBOURS = 6  # of a rotation, that probability leaks to
+KEPT = 200  # views whose cells are kept
 MODE_RAD = np.radians(25.0)  # around the best rotation: the rest are other ways to hold it
 
 
@@ -80,25 +81,25 @@ class Posterior:
         if share <= 0.0:
             return self
         p = np.exp(self.log_p)
-        around = p[:, neighbours_of(grid)].mean(axis=2)
-        mixed = (1.0 - np.float32(share)) * p + np.float32(share) * around
+        around = sum(p[:, neighbour] for neighbour in neighbours_of(grid))
+        mixed = (1.0 - np.float32(share)) * p + np.float32(share / NEIGHBOURS) * around
         mixed *= p.sum(axis=1, keepdims=True) / mixed.sum(axis=1, keepdims=True)  # being a neighbour is not mutual
         return replace(self, log_p=np.log(mixed + np.float32(1e-30)))
 
 
 @cache
 def neighbours_of(grid: int) -> Array:
-    """(G, NEIGHBOURS) the rotations next to each of the grid's."""
+    """(NEIGHBOURS, G) the rotations next to each of the grid's, the nearest ones first."""
     flat = rotation_grid(grid).reshape(grid, 9)
     near = np.asarray(cKDTree(flat).query(flat, k=NEIGHBOURS + 1)[1])[:, 1:]
-    return near.astype(np.int32)
+    return np.ascontiguousarray(near.T)
 
 
 @cache
 def spacing_rad_of(grid: int) -> float:
     """The mean angle from a rotation of the grid to the next one."""
     rotations = rotation_grid(grid)
-    trace = np.einsum("gij,gij->g", rotations, rotations[neighbours_of(grid)[:, 0]])
+    trace = np.einsum("gij,gij->g", rotations, rotations[neighbours_of(grid)[0]])
     return float(np.arccos(np.clip((trace - 1.0) / 2.0, -1.0, 1.0)).mean())
 
 
@@ -109,12 +110,18 @@ class RotationGrid:
         self.rotations = rotation_grid(count)
         columns = self.rotations.transpose(1, 2, 0).reshape(3, -1)
         self._columns = np.ascontiguousarray(columns, np.float32)  # c @ this is every u = R^T c
+        self._cells: dict[bytes, Array] = {}
         self._flat = self.rotations.reshape(count, 9).astype(np.float32)
 
     def cells(self, view: FloatArray) -> Array:
-        """(3,) -> (G,) the cell each rotation sees the object's sphere in."""
-        x, y, z = (view.astype(np.float32) @ self._columns).reshape(3, -1)
-        return cell_of(x, y, z)
+        """(3,) -> (G,) the cell each rotation sees the object's sphere in; those of the latest views are kept."""
+        key = view.tobytes()
+        if key not in self._cells:
+            x, y, z = (view.astype(np.float32) @ self._columns).reshape(3, -1)
+            if len(self._cells) >= KEPT:
+                del self._cells[next(iter(self._cells))]
+            self._cells[key] = cell_of(x, y, z)
+        return self._cells[key]
 
     def pose(self, log_p: Array) -> tuple[FloatArray, float]:
         """(G,) -> the mean rotation around the best one (3, 3), and the mean squared angle to it over all."""

@@ -53,6 +53,7 @@ class Predictions:
         self.views = np.concatenate(views)  # (N, M)
         self._views_norm2: Array = np.einsum("ne,ne->n", self.views, self.views)
         self.starts = np.cumsum([0, *(len(model.directions) for model in models[:-1])])
+        self._counts = [len(model.directions) for model in models]
         self._edges, self._edge_starts = _edges_of(models, self.starts)
         apart = self.views[self._edges[:, 0]] - self.views[self._edges[:, 1]]
         self._edge_length2: Array = np.maximum(np.einsum("ne,ne->n", apart, apart), np.float32(1e-12))
@@ -77,7 +78,10 @@ class Predictions:
 
     def distance2(self, look: Array, candidates: Array) -> Array:
         """(M,) projected look and (A,) candidates -> (A, CELLS) squared distances to what they show in the cells."""
-        product = self.views @ look
+        product = np.empty(len(self.views), np.float32)
+        for k in candidates:
+            own = slice(self.starts[k], self.starts[k] + self._counts[k])
+            np.dot(self.views[own], look, out=product[own])
         predicted = np.einsum("kcj,kcj->kc", self._weight[candidates], product[self._node[candidates]])
         distance2: Array = np.maximum(look @ look - 2.0 * predicted + self._norm2[candidates], 0.0)
         return distance2
@@ -91,18 +95,18 @@ class Predictions:
         seen = self._mixed(self.distance2(look, candidates), calm)
         return np.where(self._covered[candidates], seen, np.float32(self.log_of_others))
 
-    def best_log_likelihood(self, look: Array, calm: float) -> Array:
-        """(M,) projected look -> (K,) float32 at the most similar mixture of two neighbouring views."""
-        return self._mixed(self._nearest2(look), calm)
+    def best_log_likelihood(self, nearest2: Array, calm: float) -> Array:
+        """(K,) squared distances to the most similar mixture of two neighbouring views -> (K,) float32."""
+        return self._mixed(nearest2, calm)
 
-    def fit(self, look: Array) -> Array:
-        """(M,) projected look -> (K,) how well it fits the most similar mixture of two views: 1 exactly, 0 not."""
+    def fit(self, nearest2: Array) -> Array:
+        """(K,) squared distances to the most similar mixture of views -> (K,) how well it fits: 1 exactly, 0 not."""
         law = self.laws[DISTURBED]
-        fit: Array = 1.0 / (1.0 + self._nearest2(look) / (law.dimensions * law.scale2))
+        fit: Array = 1.0 / (1.0 + nearest2 / (law.dimensions * law.scale2))
         return fit
 
-    def _nearest2(self, look: Array) -> Array:
-        """(K,) squared distances to the lines between neighbouring views."""
+    def nearest2(self, look: Array) -> Array:
+        """(M,) projected look -> (K,) squared distances to the lines between neighbouring views."""
         product, (a, b) = self.views @ look, self._edges.T
         of_a = self._views_norm2[a] - 2.0 * product[a]
         of_b = self._views_norm2[b] - 2.0 * product[b]
