@@ -257,7 +257,8 @@ class NextView:
     """Where a planner wants to look next.
 
     `view_direction` (3,) is reachable, or None to stay; `purpose` the phase the move serves; `target` (3,) the
-    separating view it leads to, or None while exploring; `arrives` is True when the move ends at the target.
+    view it leads to, the separating one or that with the most information, or None while exploring; `arrives` is True
+    when a look from the end of the move is waited for, as at the target, before going on.
     `conclusion` ends the task: no reachable view promises anything more.
     """
 

@@ -49,6 +49,7 @@ from viewsep.recordings.reader import Recorded, Recording, read_recording
 
 ROOT = Path(__file__).parents[2]
 GOLDEN = ROOT / "tests" / "golden" / "v1.mcap"
+DEFAULTS = GOLDEN.with_name("defaults.mcap")
 TEMPLATES = ROOT / "viewsep" / "plots" / "templates"
 VOID = {"meta", "img", "br", "wbr", "input", "link"}
 NASTY = "a\"b'<script>alert(1)</script>&amp;{{ 7 * 7 }}$x^{"
@@ -176,6 +177,14 @@ def test_the_decision_comes_first(page: Page) -> None:
     (title,) = [e for e in page.all("title") if e.within == ("html", "head")]
     assert title.text == "Identified, right: product_7_twin_face - viewsep report"
     assert "recorded in v1.mcap" in page.text
+
+
+def test_a_task_by_information_drives_to_telling_views() -> None:
+    page = Page(page_of(retell(read_recording(DEFAULTS)), "defaults.mcap"))
+    assert re.search(r"\d+ telling views? driven to", page.one("dl", class_="facts").text)
+    assert "A telling view is chosen, where product_7 and product_7_twin_face differ" in page.text
+    assert "It waits for a look." in page.text
+    assert "separating view" not in page.text
 
 
 def test_the_key_figures_are_those_of_the_recording(page: Page, golden: Recording) -> None:

@@ -80,11 +80,15 @@ def _of_moves(story: Story) -> Iterator[tuple[int, str, str]]:
 def _of_plans(story: Story) -> Iterator[tuple[int, str, str]]:
     for target in story.targets:
         rivals = [model.name for model, rival in zip(story.models, target.belief.plausible, strict=True) if rival]
-        words = f"A separating view is chosen, where {' and '.join(rivals)} differ: {seen_from(target.direction)}."
+        words = f"A {story.goal} is chosen, where {' and '.join(rivals)} differ: {seen_from(target.direction)}."
         yield target.stamp_ns, "plan", words
     for stamp_ns, phase in story.course:
         if phase is Phase.JUDGING:
-            yield stamp_ns, "plan", "The separating view is reached."
+            yield (
+                stamp_ns,
+                "plan",
+                "It waits for a look." if story.by_information else "The separating view is reached.",
+            )
 
 
 def _of_looks(story: Story) -> Iterator[tuple[int, str, str]]:

@@ -61,10 +61,13 @@ def key_figures(story: Story) -> list[Fact]:
     made = sum(look.belief.estimate.comparisons for look in story.looks)
     share = f"{100 * made / (story.brute_force * looks):.0f} % of comparing with every view" if looks else ""
     reached = sum(phase is Phase.JUDGING for _, phase in story.course)
+    driven = f"{counted(reached, story.goal)} reached"
+    if story.by_information:
+        driven = f"{counted(len(story.targets), story.goal)} driven to"
     rig, simulated = rig_in_words(story.config)
     build = story.recording.metadata.get("build", {})
     facts = [
-        Fact("Looks", str(looks), f"{counted(reached, 'separating view')} reached"),
+        Fact("Looks", str(looks), driven),
         Fact("Travel", f"{np.degrees(travel):.0f}°", "on the view sphere"),
         Fact("Time", f"{axis.seconds(axis.end_ns):.1f} s", _recorded_at(story, axis.begin_ns)),
         Fact("Comparisons", str(made), share),

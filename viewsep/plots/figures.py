@@ -98,7 +98,7 @@ def difference_drawings(story: Story) -> tuple[list[Drawing], str]:
         panels.difference_sphere(axes, story, graph, side, name=name)
         label = f"View sphere coloured by how much the candidates differ, {name}"
         drawings.append(Drawing(inline(figure, f"d{len(drawings)}", label), "", ""))
-    when = "when the last separating view was chosen" if story.targets else "at the end"
+    when = f"when the last {story.goal} was chosen" if story.targets else "at the end"
     past = f"{'after' if story.has_probabilities else 'with paths of'} {counted(iteration, 'look')}"
     return drawings, (
         f"How much {count} candidates differ in each direction, {when}, {past}. "

@@ -97,6 +97,8 @@ def page_of(story: Story, source: str = "") -> str:
         expected=_expected_views(story),
         steps=steps_of(story),
         has_probabilities=story.has_probabilities,
+        goal=story.goal,
+        judging="waiting for a look" if story.by_information else "judging at it",
         candidates=_believed(story),
         timeline=rows_of(story),
         ticks=axis_of(story).ticks(),
@@ -153,7 +155,7 @@ def _shown_look(story: Story) -> tuple[Look | None, str]:
     """The look at the separating view that was reached last, or else the last one; and what to call it."""
     for number in range(len(story.looks), 0, -1):
         if story.looks[number - 1].phase is Phase.JUDGING:
-            return story.looks[number - 1], f"Separating view, look {number}"
+            return story.looks[number - 1], f"{story.goal.capitalize()}, look {number}"
     if not story.looks:
         return None, "Last picture"
     return story.looks[-1], f"Last view, look {len(story.looks)}"

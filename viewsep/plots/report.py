@@ -106,7 +106,7 @@ def _candidate_spheres(figure: Figure, cells: GridSpec, story: Story) -> None:
         text = "\nits best hypothesis; thin: what w1 averages" if alone else text
         weight = "normal" if alone else "bold"
         axes.set_title(text, size=11, color=COLOURS[rank], weight=weight, pad=2, parse_math=False)
-    handles = sphere.legend()[: 4 if story.has_probabilities else None]  # a posterior has no paths
+    handles = sphere.legend(story.goal)[: 4 if story.has_probabilities else None]  # a posterior has no paths
     figure.legend(handles=handles, loc="center", bbox_to_anchor=(0.5, 0.556), ncols=6, frameon=False, fontsize=10.5)
 
 
@@ -129,7 +129,7 @@ def _similarity(figure: Figure, cell: SubplotSpec, story: Story) -> None:
     bar = figure.colorbar(mappable, cax=figure.add_subplot(parts[0, 2]))
     bar.set_label("smoothed variance of the features", size=9.5)
     bar.ax.tick_params(labelsize=9)
-    when = "when choosing the last separating view" if story.targets else "at the end"
+    when = f"when choosing the last {story.goal}" if story.targets else "at the end"
     _title(figure, cell, f"Where {count} candidates differ, {when} (look {iteration})")
 
 
@@ -143,7 +143,7 @@ def _pictures(figure: Figure, cell: SubplotSpec, story: Story) -> None:
     columns = -(-len(rank) // rows)
     parts = cell.subgridspec(rows, 2 * rows + columns, wspace=0.1, hspace=0.3)
     reached = next((look for look in story.looks if look.phase is Phase.JUDGING), None)
-    where = "separating view" if reached else "last view"
+    where = story.goal if reached else "last view"
     shown = reached or (story.looks[-1] if story.looks else None)
     first = story.frame_at(story.looks[0]) if story.looks else story.frames[0]
     last = story.frame_at(shown) if shown else story.frames[-1]

@@ -181,8 +181,8 @@ def draw_distances(axes: Axes, view: SphereView, controlled: FloatArray, path: F
         draw_path(axes, view, np.array(pair), colour=colour, width=0.8, alpha=alpha)
 
 
-def legend() -> list[Line2D]:
-    """Handles that explain what is drawn on a candidate's sphere."""
+def legend(goal: str) -> list[Line2D]:
+    """Handles that explain what is drawn on a candidate's sphere; `goal` is what the stars are called."""
 
     def mark(marker: str, colour: str, size: float, label: str) -> Line2D:
         return Line2D([], [], ls="", marker=marker, mfc=colour, mec="black", mew=0.9, ms=size, label=label)
@@ -191,7 +191,7 @@ def legend() -> list[Line2D]:
         Line2D([], [], color=RED, lw=2, label="controlled path"),
         mark("o", "white", 8, "start view"),
         mark("s", RED, 7, "last view"),
-        mark("*", YELLOW, 14, "separating view"),
+        mark("*", YELLOW, 14, goal),
         Line2D([], [], color="0.3", lw=2.6, label="best path hypothesis"),
         Line2D([], [], color="0.3", lw=1, alpha=0.4, label="other hypotheses"),
     ]

@@ -83,6 +83,16 @@ class Story:
         return _decision(self.recorded) != _decision(self.result)
 
     @property
+    def by_information(self) -> bool:
+        """Whether the planner drives to what promises information and waits for looks on the way, too."""
+        return self.config.planner.name == "information"
+
+    @property
+    def goal(self) -> str:
+        """What the views are called that the planner drives to."""
+        return "telling view" if self.by_information else "separating view"
+
+    @property
     def truth(self) -> str:
         """What the rig held, empty where that was not recorded."""
         return self.task.get("truth", "")
