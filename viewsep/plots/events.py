@@ -84,11 +84,8 @@ def _of_plans(story: Story) -> Iterator[tuple[int, str, str]]:
         yield target.stamp_ns, "plan", words
     for stamp_ns, phase in story.course:
         if phase is Phase.JUDGING:
-            yield (
-                stamp_ns,
-                "plan",
-                "It waits for a look." if story.by_information else "The separating view is reached.",
-            )
+            words = "It waits for a look." if story.by_information else "The separating view is reached."
+            yield stamp_ns, "plan", words
 
 
 def _of_looks(story: Story) -> Iterator[tuple[int, str, str]]:
