@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from painted import held, unit
 
 from viewsep.geometry import angle_between, axis_rotation, perpendicular, rotation_angle
-from viewsep.interpretation.independence import REPEATED, independent_share
+from viewsep.interpretation.independence import LACKING, independent_share
 from viewsep.interpretation.posterior import NEIGHBOURS, Posterior, RotationGrid, neighbours_of, spacing_rad_of
 from viewsep.interpretation.rotation_grid import rotation_grid
 from viewsep.interpretation.view_cells import CELLS, cell_of
@@ -169,16 +169,40 @@ def test_two_ways_to_hold_it_are_not_averaged_but_widen_the_spread() -> None:
 # ---- independence ----
 
 
-@pytest.mark.parametrize(
-    ("angle_deg", "share"), [(0.0, REPEATED), (0.5, REPEATED), (5.0, 0.5), (10.0, 1.0), (90.0, 1.0)]
-)
-def test_a_look_counts_the_more_the_further_it_is_from_those_before(angle_deg: float, share: float) -> None:
+@pytest.mark.parametrize("angle_deg", [0.0, 0.5, 5.0, 10.0, 90.0])
+def test_a_look_counts_the_more_the_further_it_is_from_those_before(angle_deg: float) -> None:
+    """Of two looks with errors correlated by c, the second is worth (1 - c) / (1 + c)."""
     view = unit(np.array([0.2, 0.9, -0.1]))
     there = axis_rotation(perpendicular(view), np.radians(angle_deg)) @ view
     far = -view
     found = independent_share(there[None], np.stack([view, far]), np.radians(10.0))
     assert np.degrees(angle_between(view, there)) == pytest.approx(angle_deg)
-    assert found == pytest.approx([share])
+    shared = LACKING * np.exp(-angle_deg / 5.0)
+    assert found == pytest.approx([(1.0 - shared) / (1.0 + shared)], abs=1e-6)
+
+
+def test_however_often_a_place_is_looked_at_it_is_worth_little_more_than_one_look() -> None:
+    view, shares = unit(np.array([0.2, 0.9, -0.1])), []
+    for looked in range(200):
+        seen = np.repeat(view[None], looked, axis=0)
+        shares.append(float(independent_share(view[None], seen, 0.2)[0]))
+    assert shares == sorted(shares, reverse=True)
+    assert sum(shares) == pytest.approx(1.0 / LACKING, rel=0.01)
+
+
+def test_a_second_lap_is_worth_a_fraction_of_the_first() -> None:
+    laps = []
+    seen = np.empty((0, 3))
+    for offset in (0.0, 1.5, 0.75):
+        azimuth = np.radians(np.arange(offset, 360.0, 3.0))
+        worth = 0.0
+        for view in np.stack([np.cos(azimuth), np.sin(azimuth), np.zeros(len(azimuth))], axis=1):
+            worth += float(independent_share(view[None], seen, np.radians(10.0))[0])
+            seen = np.vstack([seen, view])
+        laps.append(worth)
+    assert 36.0 < laps[0] < 48.0  # about one in 10 degrees
+    assert laps[1] < 0.1 * laps[0]
+    assert laps[2] < 0.5 * laps[1]
 
 
 def test_the_first_look_counts_in_full() -> None:

@@ -13,7 +13,7 @@ from viewsep.messages import Array, FloatArray
 
 BALLS_DEG = ((16.0, 8.0), (9.0, 3.0))  # reach and step of the rotations that are tried, around the best and then finer
 LATEST = 24  # looks that judge them
-LEAST_SHARE = 0.3  # of evidence of its own, for a look to be among them
+LEAST_SHARE = 0.15  # of evidence of its own, for a look to be among them
 REGION_RAD = np.radians(30.0)  # within which a model errs in one way
 REGION_ERROR_RAD = np.radians(7.0)  # of a pose from looks at one region, however many agree
 
