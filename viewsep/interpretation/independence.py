@@ -1,9 +1,9 @@
 """Looks from almost the same view err in the same way: how much of a look is evidence of its own.
 
 What a model lacks is seen again from nearby, light and noise are new. A look's error is taken as the sum of both: the
-first falls off exponentially with the angle, the second is independent. With their correlations C, all looks together are
-then worth 1' C^-1 1 independent ones (generalised least squares), and a further look is worth by how much that grows: on
-a path about one per `independent_rad`, and however often a place is looked at, little more than one.
+first falls off exponentially with the angle, the second is independent. With their correlations C, all looks together
+are then worth 1' C^-1 1 independent ones (generalised least squares), and a further look is worth by how much that
+grows: on a path about one per `independent_rad`, and however often a place is looked at, little more than one.
 """
 
 from __future__ import annotations
