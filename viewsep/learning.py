@@ -31,9 +31,21 @@ FEWEST_NODES = 3  # of a model from photos
 CAMERA_DIRECTION = np.array([1.0, 0.0, 0.0])
 
 
-def learn_object(source: str, name: str, views: int, config: Config, cache: RenderCache | None = None) -> AspectGraph:
-    """The aspect graph of a mesh or generated product from `views` equidistant renders. Raises BadInput, BadMesh."""
+def learn_object(
+    source: str,
+    name: str,
+    views: int,
+    config: Config,
+    cache: RenderCache | None = None,
+    turned: FloatArray | None = None,
+) -> AspectGraph:
+    """The aspect graph of a mesh or generated product from `views` equidistant renders. Raises BadInput, BadMesh.
+
+    They are in the same places for every object, or `turned` (3, 3) from there.
+    """
     directions = equidistant_sphere(views)
+    if turned is not None:
+        directions = directions @ turned
     tried = trial_directions(max(FEWEST_TRIALS, 2 * round(0.5 * TRIALS_PER_VIEW * views)))
     renderer = open_renderer(source, CameraOptics(config.camera.size_px), cache)
     try:

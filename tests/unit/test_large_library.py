@@ -57,7 +57,7 @@ def told(machine: FilterInterpreter, percepts: list[Percept]) -> tuple[FilterSta
 
 def first_wrong(seed: int, truth: int) -> list[Percept]:
     """Looks at the true object, but for the first one, which is at another."""
-    views = looks(seed, 10)
+    views = looks(seed, 16)
     (wrong,) = seen(views[:1], held(seed), (truth + 13) % COUNT)
     return [wrong, *seen(views, held(seed), truth)[1:]]
 
@@ -108,7 +108,7 @@ def test_what_is_no_longer_followed_keeps_its_probability() -> None:
     machine, percepts = following(FOLLOWED, alike=True), seen(looks(2, 3), held(2), 70)
     state, _ = told(machine, percepts)
     dropped = replace(state, posterior=replace(state.posterior, log_p=state.posterior.log_p.copy()))
-    worst = int(np.argmin(dropped.posterior.mass))
+    worst = int(np.argmin(dropped.posterior.log_mass))
     dropped.posterior.log_p[worst] -= 60.0  # too unlikely to be followed on
     after, _ = machine.update(dropped, seen(looks(2, 4), held(2), 70)[-1])
     left = int(dropped.posterior.active[worst])

@@ -6,7 +6,10 @@ from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
+import numpy as np
+
 from viewsep.config import CameraConfig, Config, DescriptorConfig
+from viewsep.geometry import random_rotation
 from viewsep.learning import learn_object, learn_view_set
 from viewsep.models.aspect_graph import AspectGraph
 from viewsep.rigs import SimulatedRig, rig_holding
@@ -20,12 +23,14 @@ from viewsep.sim.view_set import is_view_set
 class Setup:
     """`views` of a mesh, or every `every`-th photo of a view set, become an object's model.
 
+    The views of every mesh are in the same places, or `turned`, for each object in its own way, as on a rig.
     It travels to the workers; each of them learns an object when it first needs it and keeps the model.
     """
 
     views: int = 100
     every: int = 4
     cache: RenderCache | None = None
+    turned: bool = False
 
     def model(self, source: str, config: Config) -> AspectGraph:
         """The aspect graph of an object. Raises BadInput, BadMesh."""
@@ -47,4 +52,6 @@ def _model(source: str, descriptor: str, camera: str, setup: Setup) -> AspectGra
     )
     if is_view_set(Path(source)):
         return learn_view_set(Path(source), object_name(source), config, every=setup.every)
-    return learn_object(source, object_name(source), setup.views, config, setup.cache)
+    name = object_name(source)
+    turned = random_rotation(np.random.default_rng(list(name.encode()))) if setup.turned else None
+    return learn_object(source, name, setup.views, config, setup.cache, turned)

@@ -33,6 +33,7 @@ def calibration(
     descriptor: options.DescriptorName = None,
     views: asking.Views = 100,
     every: asking.Every = 4,
+    turned: asking.Turned = False,
     config: options.ConfigFile = None,
     jobs: options.Jobs = -1,
     scheduler: options.Scheduler = "",
@@ -58,13 +59,13 @@ def calibration(
     asked = asking.asked(pairs, objects, twins, runs, seed, candidates, unknown_fraction)
     interpreters, planners = options.listed(interpreter, "--interpreter"), options.listed(planner, "--planner")
     methods = methods_for(settings, interpreters, planners, [])
-    about = asked.about | asking.learned(asked.pool, views, every, settings) | {"looks": looks}
+    about = asked.about | asking.learned(asked.pool, views, every, turned, settings) | {"looks": looks}
     options.check_plot(plot)
     with progress_bar() as bars:
         report = run_calibration(
             asked.tasks,
             methods,
-            Setup(views, every, options.cache_of(cache, cache_mb)),
+            Setup(views, every, options.cache_of(cache, cache_mb), turned),
             options.running(jobs, scheduler, json, resume, bars),
             about,
         )

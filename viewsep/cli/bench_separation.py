@@ -54,6 +54,7 @@ def separation(
     pose_tolerance: options.PoseTolerance = None,
     views: asking.Views = 100,
     every: asking.Every = 4,
+    turned: asking.Turned = False,
     config: options.ConfigFile = None,
     jobs: options.Jobs = -1,
     scheduler: options.Scheduler = "",
@@ -98,14 +99,14 @@ def separation(
         beside.remove(RANDOM_MOTION)
         methods.append(random_motion(methods[0]))
     check_baselines(beside)
-    about = asked.about | asking.learned(asked.pool, views, every, settings)
+    about = asked.about | asking.learned(asked.pool, views, every, turned, settings)
     options.check_plot(plot)
     with progress_bar() as bars:
         report = run_separation(
             asked.tasks,
             methods,
             beside,
-            Setup(views, every, options.cache_of(cache, cache_mb)),
+            Setup(views, every, options.cache_of(cache, cache_mb), turned),
             options.running(jobs, scheduler, json, resume, bars),
             about,
         )

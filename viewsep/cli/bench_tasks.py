@@ -34,6 +34,14 @@ Runs = Annotated[int, typer.Option(min=1, help="Tasks; pairs and truths take tur
 Candidates = Annotated[int, typer.Option(min=2, help="Candidates of a task, the truth among them.")]
 UnknownFraction = Annotated[float, typer.Option(min=0, max=1, help="Share of tasks whose object is no candidate.")]
 Views = Annotated[int, typer.Option(min=12, max=2000, help="Views of a mesh's model.")]
+Turned = Annotated[
+    bool,
+    typer.Option(
+        "--turned",
+        help="Models' views in other places for every object, as where each was learned as it happened to stand: what "
+        "they err by between their views does not cancel then.",
+    ),
+]
 Every = Annotated[
     int,
     typer.Option(min=1, help="Every how many photos of a view set one is for the model; the rest are for tests."),
@@ -71,10 +79,11 @@ def asked(
     return Asked(tasks, pool, about)
 
 
-def learned(pool: Sequence[str], views: int, every: int, config: Config) -> dict[str, Any]:
+def learned(pool: Sequence[str], views: int, every: int, turned: bool, config: Config) -> dict[str, Any]:
     """What a report says about models and configuration; `views` are None where all models are of photos."""
     photos = all(is_view_set(Path(source)) for source in pool)
-    return {"views": None if photos else views, "every": every, "config": config.model_dump(mode="json")}
+    shown = {"views": None if photos else views, "every": every} | ({"turned": True} if turned else {})
+    return shown | {"config": config.model_dump(mode="json")}
 
 
 def _objects(pairs: Path | None, objects: Path | None, twins: str | None, seed: int) -> tuple[list[Pair], list[str]]:

@@ -12,13 +12,16 @@ from typing import Annotated
 
 import numpy as np
 from pydantic import Field
+from scipy.special import logsumexp, softmax
 
-from viewsep.geometry import angle_between
+from viewsep.geometry import angle_between, rotation_angle
 from viewsep.interfaces import Conclusion, Descriptor, Interpretation, PoseSamples
+from viewsep.interpretation.contrast import contrast, moderated
 from viewsep.interpretation.independence import independent_share
 from viewsep.interpretation.posterior import Posterior, RotationGrid, spacing_rad_of
 from viewsep.interpretation.predictions import predictions_of
 from viewsep.interpretation.refinement import refined
+from viewsep.interpretation.view_cells import cell_of
 from viewsep.messages import Array, CandidateEstimate, Estimate, FloatArray, HypothesisViews, Outcome, Percept, Phase
 from viewsep.models.aspect_graph import AspectGraph
 
@@ -28,6 +31,8 @@ SAMPLED, SAMPLES, FEWEST_SAMPLES = 5, 40, 8  # candidates, and rotations of all 
 PROMOTED = 8  # parked candidates that are taken up again in one step at most
 DOUBT = 0.05  # least weight of a plausible candidate's samples
 REFINED_BELOW_RAD = np.radians(15.0)  # of spread: else there is more than one way to hold it
+CLOSE = 60.0  # logarithms of probabilities: nearer candidates are compared with the first one look by look
+ALIKE_RAD = np.radians(8.0)  # between the poses of two models that err alike
 PLACE_RAD = np.radians(12.0)  # around a view that must not decide alone who it is
 REGION_RAD = np.radians(45.0)  # nor that it is nobody: a model may be wrong in a whole region
 CALM_BOUNDS = (0.02, 0.98)  # of the probability that looks are clean: the light may change
@@ -124,7 +129,8 @@ class FilterInterpreter:
             gains=np.concatenate([state.gains, _gains(before, seen)[None]]),
             count=state.count + 1,
         )
-        slipped = state.settled and self._lost(after.posterior) and state.slips < self.options.slips
+        lost = bool(after.posterior.none > np.log(0.5))  # the looks have stopped to fit any candidate
+        slipped = state.settled and lost and state.slips < self.options.slips
         if slipped:
             after = self._searched_anew(state, after, nearest2)
         after = self._follow(after)
@@ -165,10 +171,6 @@ class FilterInterpreter:
         none = share * self.predictions.log_of_others
         return posterior.times(likelihood, self.grid.cells(view), best, none)
 
-    def _lost(self, posterior: Posterior) -> bool:
-        """Whether the looks have stopped to fit any candidate."""
-        return bool(posterior.none > np.log(0.5))
-
     def _searched_anew(self, before: FilterState, after: FilterState, nearest2: Array) -> FilterState:
         """The object has slipped: who it is stays likely, how it is held is open; only the last look counts."""
         known = before.posterior.probabilities()
@@ -202,22 +204,26 @@ class FilterInterpreter:
             new = new[:PROMOTED]
         active = np.sort(np.concatenate([np.intersect1d(order, posterior.active), np.array(new, int)]))
         rows = dict(zip(posterior.active.tolist(), posterior.log_p, strict=True))
-        rows |= zip(new, self._replayed(state, np.array(new, int)), strict=True)
+        replayed, gained = self._replayed(state, np.array(new, int))
+        rows |= zip(new, replayed, strict=True)
+        gains = state.gains.copy()
+        gains[:, new] = gained
         parked = posterior.parked.copy()
-        parked[posterior.active] = np.log(np.maximum(posterior.mass, 1e-300))
+        parked[posterior.active] = posterior.log_mass
         parked[active] = -np.inf
         follows = Posterior(active, np.stack([rows[k] for k in active]), parked, posterior.none, posterior.evidence)
-        return replace(state, posterior=follows.normalised(self.options.floor))
+        return replace(state, posterior=follows.normalised(self.options.floor), gains=gains)
 
-    def _replayed(self, state: FilterState, candidates: Array) -> Array:
-        """(A,) candidates -> (A, G) what their rotations would be, had they been followed from the start."""
+    def _replayed(self, state: FilterState, candidates: Array) -> tuple[Array, Array]:
+        """(A,) candidates -> (A, G) what their rotations would be, had they been followed, and (L, A) their gains."""
         log_p = np.repeat(np.log(state.prior[candidates])[:, None], self.options.rotations, axis=1)
         log_p -= np.log(self.options.rotations) + state.posterior.evidence
+        mass = [logsumexp(log_p, axis=1)]
         for look, view, share in zip(state.looks, state.views, state.shares, strict=True):
             likelihood = self.predictions.log_likelihood(look, candidates, state.calm)
             log_p += share * likelihood[:, self.grid.cells(view)]
-        replayed: Array = log_p.astype(np.float32)
-        return replayed
+            mass.append(logsumexp(log_p, axis=1))
+        return log_p.astype(np.float32), np.diff(mass, axis=0).astype(np.float32)
 
     def _calm(self, state: FilterState, share: float) -> float:
         """The probability that looks are clean, from how the last one differs from what the best rotation predicts."""
@@ -230,13 +236,13 @@ class FilterInterpreter:
 
     def _interpret(self, state: FilterState, percept: Percept, slipped: bool, nearest2: Array) -> Interpretation:
         posterior = state.posterior
-        probability = posterior.probabilities()
-        order = np.argsort(-probability, kind="stable")
         followed = set(posterior.active.tolist())
+        order = np.argsort(-posterior.log_shares()[:-1], kind="stable")
         posed = [int(k) for k in order[:POSED] if int(k) in followed]
         rotations, variance = self._poses(state, posed)
         limit = np.radians(self.options.pose_within_deg) ** 2
-        none = float(np.exp(posterior.none))
+        *probabilities, none = self._moderated(state, posed, rotations, variance).tolist()
+        probability = np.array(probabilities)
         leader = int(order[0]) if self._sure(state, int(order[0]), probability, none) else -1
         plausible = probability > 0.01 * probability.max()
         plausible[order[:2]] = True
@@ -279,17 +285,39 @@ class FilterInterpreter:
         )
 
     def _poses(self, state: FilterState, posed: Sequence[int]) -> tuple[FloatArray, FloatArray]:
-        """(K, 3, 3), and (K,) mean squared angles, of the candidates `posed`, the first one finer; others infinite."""
+        """(K, 3, 3), and (K,) mean squared angles, of the candidates `posed`, finer where they are close to the first.
+
+        Those of others are infinite.
+        """
         posterior, count = state.posterior, len(self.predictions.names)
+        log = posterior.log_shares()
         rotations, variance = np.repeat(np.eye(3)[None], count, axis=0), np.full(count, np.inf)
         for k in posed:
             rotations[k], variance[k] = self.grid.pose(posterior.log_p[np.searchsorted(posterior.active, k)])
-        for k in posed[:1]:
-            if variance[k] < REFINED_BELOW_RAD**2:
-                rotations[k], variance[k] = refined(
-                    self.predictions, k, rotations[k], state.looks, state.views, state.shares
-                )
+            if log[k] > log[posed[0]] - CLOSE and variance[k] < REFINED_BELOW_RAD**2:
+                seen = state.looks, state.views, state.shares
+                rotations[k], variance[k] = refined(self.predictions, k, rotations[k], *seen)
         return rotations, variance
+
+    def _moderated(
+        self, state: FilterState, posed: Sequence[int], rotations: FloatArray, variance: FloatArray
+    ) -> FloatArray:
+        """(K + 1,) probabilities of all candidates and none of them, given that models err between their views.
+
+        They do not where both have their views in the same places and are held alike: there the errors cancel.
+        """
+        log, leader = state.posterior.log_shares(), posed[0]
+        layout = self.predictions.layout
+        alike = np.append(layout == layout[leader], True)  # none of them has no views that could err
+        for k in posed:
+            alike[k] &= float(rotation_angle(rotations[k], rotations[leader])) < ALIKE_RAD
+        evidence = log[leader] - log
+        error2 = np.where(alike, 0.0, 2.0 * self.predictions.log_error2 * state.shares.sum())
+        for k in posed[1:]:
+            if not alike[k] and evidence[k] < CLOSE and max(variance[k], variance[leader]) < REFINED_BELOW_RAD**2:
+                cells, others = (cell_of(*(state.views @ rotations[who]).T) for who in (leader, k))
+                evidence[k], error2[k] = contrast(self.predictions, state.looks, state.shares, leader, cells, k, others)
+        return np.asarray(softmax(-moderated(evidence, error2)))
 
     def _sure(self, state: FilterState, who: int, probability: FloatArray, none: float) -> bool:
         """Whether `who` (K: none of them) is as good as certain, and no single place, or region, decides that.
@@ -345,4 +373,4 @@ class FilterInterpreter:
 def _gains(before: Posterior, after: Posterior) -> Array:
     """(K + 1,) by how much the logarithms of probabilities rose; 0 of what is ruled out from the start."""
     with np.errstate(invalid="ignore"):
-        return np.asarray(np.nan_to_num(after.log_shares() - before.log_shares(), nan=0.0))
+        return np.nan_to_num(after.log_shares() - before.log_shares(), nan=0.0).astype(np.float32)

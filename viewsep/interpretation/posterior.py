@@ -7,6 +7,7 @@ from functools import cache
 
 import numpy as np
 from scipy.spatial import cKDTree
+from scipy.special import logsumexp
 
 from viewsep.geometry import nearest_rotation
 from viewsep.interpretation.rotation_grid import rotation_grid
@@ -14,6 +15,7 @@ from viewsep.interpretation.view_cells import cell_of
 from viewsep.messages import Array, FloatArray
 
 NEIGHBOURS = 6  # of a rotation, that probability leaks to
+FURTHEST = 200.0  # that a candidate's logarithm falls below the best one's
 KEPT = 200  # views whose cells are kept
 MODE_RAD = np.radians(25.0)  # around the best rotation: the rest are other ways to hold it
 
@@ -34,31 +36,36 @@ class Posterior:
     evidence: float = 0.0
 
     @property
-    def mass(self) -> FloatArray:
-        """(A,) probabilities of the active candidates."""
-        mass: FloatArray = np.exp(self.log_p).sum(axis=1, dtype=np.float64)
-        return mass
+    def log_mass(self) -> FloatArray:
+        """(A,) logarithms of the probabilities of the active candidates."""
+        best = self.log_p.max(axis=1)
+        mass = np.exp(self.log_p - best[:, None]).sum(axis=1, dtype=np.float64)
+        return np.asarray(best + np.log(mass))
 
     def probabilities(self) -> FloatArray:
         """(K,) of all candidates."""
-        probability = np.exp(self.parked)
-        probability[self.active] = self.mass
-        return probability
+        return np.asarray(np.exp(self.log_shares()[:-1]))
 
-    def log_shares(self) -> Array:
-        """(K + 1,) float32 logarithms of all candidates' probabilities, and that of none of them."""
+    def log_shares(self) -> FloatArray:
+        """(K + 1,) logarithms of all candidates' probabilities, and that of none of them."""
         log = np.append(self.parked, self.none)
-        log[self.active] = np.log(np.maximum(self.mass, 1e-300))
-        return log.astype(np.float32)
+        log[self.active] = self.log_mass
+        return log
 
     def normalised(self, floor: float) -> Posterior:
-        """The same with a sum of 1; a rotation's logarithm falls no further than `floor` below the best one's."""
-        top = max(float(self.log_p.max()), self.none)
-        log_p = np.maximum(self.log_p - np.float32(top), np.float32(-floor))
-        none = max(self.none - top, -floor) if np.isfinite(self.none) else self.none
+        """The same with a sum of 1.
+
+        A rotation's logarithm falls no further than `floor` below the best one of its candidate, so that a slip can be
+        recovered from, and a candidate's best no further than FURTHEST below the best of all. Between that one and none
+        of them lies no more than `floor` either.
+        """
+        best = self.log_p.max(axis=1, keepdims=True)
+        top = float(best.max())
+        raised = np.maximum(best, np.float32(top - FURTHEST)) - best
+        log_p = np.maximum(self.log_p, best - np.float32(floor)) + (raised - np.float32(top))
+        none = float(np.clip(self.none - top, -floor, floor)) if np.isfinite(self.none) else self.none
         parked = self.parked - top
-        total = np.exp(log_p).sum(dtype=np.float64) + np.exp(none) + np.exp(parked).sum()
-        log_total = float(np.log(total))
+        log_total = float(logsumexp(Posterior(self.active, log_p, parked, none).log_shares()))
         return Posterior(
             self.active,
             log_p - np.float32(log_total),
@@ -80,11 +87,12 @@ class Posterior:
         """Every rotation gives a `share` of its probability to its neighbours: where the object is, is not exact."""
         if share <= 0.0:
             return self
-        p = np.exp(self.log_p)
+        best = self.log_p.max(axis=1, keepdims=True)
+        p = np.exp(self.log_p - best)
         around = sum(p[:, neighbour] for neighbour in neighbours_of(grid))
         mixed = (1.0 - np.float32(share)) * p + np.float32(share / NEIGHBOURS) * around
         mixed *= p.sum(axis=1, keepdims=True) / mixed.sum(axis=1, keepdims=True)  # being a neighbour is not mutual
-        return replace(self, log_p=np.log(mixed + np.float32(1e-30)))
+        return replace(self, log_p=np.log(mixed + np.float32(1e-30)) + best)
 
 
 @cache

@@ -42,6 +42,8 @@ class Predictions:
     probability that they are given. Half of the trials make the metric, the other half laws and temper.
     `log_of_others` is the tempered log-likelihood of any look at an object that is no candidate: as likely as the
     strangest looks at candidates. How others look cannot be learned from twins; how the candidates look at worst, can.
+    `log_error2` is the variance of log-likelihoods of looks at the right view: by so much is a candidate's evidence
+    wrong at every look. Candidates of the same `layout` have their views in the same places, where they err alike.
     """
 
     def __init__(self, models: Sequence[AspectGraph]) -> None:
@@ -65,6 +67,9 @@ class Predictions:
         self.laws = _laws(measured, self.dimensions)
         self.temper = self._best_temper(measured)
         self.log_of_others = self._log_of_strange(measured)
+        self.log_error2 = self._log_error2(measured)
+        places: dict[bytes, int] = {}
+        self.layout = np.array([places.setdefault(model.directions.tobytes(), len(places)) for model in models])
 
     @property
     def dimensions(self) -> int:
@@ -159,6 +164,13 @@ class Predictions:
         log = np.concatenate([self._mixed(one.worst2, 0.5) for one in measured])
         level = np.concatenate([one.level for one in measured])
         return min(float(np.quantile(log[level == kind], STRANGE)) for kind in np.unique(level))
+
+    def _log_error2(self, measured: Sequence[_Measured]) -> float:
+        """The variance within clean and within disturbed looks."""
+        log = np.concatenate([self._mixed(one.worst2, 0.5) for one in measured])
+        level = np.concatenate([one.level for one in measured])
+        means = np.array([log[level == kind].mean() if (level == kind).any() else 0.0 for kind in (CALM, DISTURBED)])
+        return float(((log - means[level]) ** 2).mean())
 
     def _best_temper(self, measured: Sequence[_Measured]) -> float:
         """The power of the likelihood at which the trials' true views are the most probable ones."""
