@@ -333,6 +333,7 @@ class FilterInterpreter:
             without = np.repeat((np.log(state.prior[who]) - np.log(state.prior))[None], len(elsewhere), axis=0)
         for counts, gain in zip(elsewhere.T, state.gains[:, [who]] - state.gains, strict=True):
             without[counts] = np.clip(without[counts] + gain, -self.options.floor, self.options.floor)
+        without[:, state.prior == 0.0] = np.inf  # ruled out from the start
         left = 1.0 / np.exp(-without).sum(axis=1)
         return bool(left.min() >= self.options.corroborated)
 
