@@ -60,15 +60,16 @@ class StagedCamera:
         self._masks: OrderedDict[int, BoolArray] = OrderedDict()
         self._connected = False
         self._drops = 0
-        self._last = self._read_ns = 0
+        self._queue: list[int] = []
+        self._last = self._filled = 0  # exposures: handed on, and come to the queue
 
     def connect(self) -> None:
         """Open the scene and start to expose."""
         self._scene.open()
         self._connected = True
         self._drops = 0
-        self._read_ns = self._scene.clock.now_ns()
-        self._last = self._read_ns // self._period_ns
+        self._queue = []
+        self._last = self._filled = self._scene.clock.now_ns() // self._period_ns
 
     def read(self, newer_than_ns: int, timeout_s: float) -> Frame:
         """The first exposure after `newer_than_ns` that is neither lost nor was crowded out of the queue."""
@@ -84,7 +85,7 @@ class StagedCamera:
                 raise Timeout(f"the staged camera delivered no frame within {timeout_s:g} s")
             clock.sleep_until(stamp_ns + self._latency_ns)
             self._drops += sum(self._lost(k) for k in range(self._last + 1, sequence))
-            self._last, self._read_ns = sequence, clock.now_ns()
+            self._last, self._filled = sequence, max(self._filled, sequence)
             image, mask = self._exposed(stamp_ns, sequence)
             self._masks[stamp_ns] = mask
             if len(self._masks) > REMEMBERED_MASKS:
@@ -109,28 +110,26 @@ class StagedCamera:
 
     def _next(self, newer_than_ns: int, now_ns: int, deadline_ns: int) -> int:
         """The exposure that is handed on; one that arrives after the deadline where there is none before."""
-        known_ns = now_ns - round(MEMORY_S * 0.9e9)  # what the scene remembers
-        waiting = self._waiting(now_ns)
+        self._fill(now_ns)
         if self._delivery.discards:
-            waiting = [k for k in waiting if k * self._period_ns > max(newer_than_ns, known_ns)]
-        if waiting:
-            return waiting[0]
-        arriving = (now_ns - self._latency_ns) // self._period_ns + 1
-        sequence = max(newer_than_ns // self._period_ns + 1, arriving, self._last + 1)
+            known_ns = max(newer_than_ns, now_ns - round(MEMORY_S * 0.9e9))  # what the scene remembers
+            self._queue = [k for k in self._queue if k * self._period_ns > known_ns]
+        if self._queue:
+            return self._queue.pop(0)
+        sequence = max(newer_than_ns // self._period_ns, self._filled) + 1
         while self._lost(sequence) and sequence * self._period_ns + self._latency_ns <= deadline_ns:
             sequence += 1
         return sequence
 
-    def _waiting(self, now_ns: int) -> list[int]:
-        """The exposures in the queue: the first ones after the last read."""
+    def _fill(self, now_ns: int) -> None:
+        """Let what has arrived wait in the queue until that is full; the rest is gone."""
         newest = (now_ns - self._latency_ns) // self._period_ns
-        waiting: list[int] = []
-        sequence = self._last + 1
-        while sequence <= newest and len(waiting) < self._delivery.buffers:
+        sequence = self._filled + 1
+        while sequence <= newest and len(self._queue) < self._delivery.buffers:
             if not self._lost(sequence):
-                waiting.append(sequence)
+                self._queue.append(sequence)
             sequence += 1
-        return waiting
+        self._filled = max(self._filled, newest)
 
     def _exposed(self, stamp_ns: int, sequence: int) -> tuple[Array, BoolArray]:
         rotation: FloatArray = self._scene.object_rotation(stamp_ns)

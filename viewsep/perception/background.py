@@ -132,7 +132,8 @@ class Background:
         seen, still = samples(image)[away], samples(model.still)[away]
         gain = gains(seen, still)
         room = 2.0 * NOISE_MULTIPLE * model.noise  # more, as these pixels are not smoothed
-        darkest, brightest = samples(low)[away] * gain - room, np.minimum(samples(high)[away] * gain, 255.0) + room
+        darkest = np.minimum(samples(low)[away] * gain, CLIPPED) - room
+        brightest = samples(high)[away] * gain + room
         fits = ((seen >= darkest) & (seen <= brightest)).all(axis=1)
         return gain, 1.0 - float(fits.mean())
 

@@ -55,9 +55,12 @@ def largest_plausible(
 
 
 def _closed(clean: Array) -> Array:
-    """Gaps closed; the border of the picture counts as empty, so nothing grows onto it."""
+    """Gaps closed, but nothing grows onto the border: what is there was there before."""
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (CLOSING_PX, CLOSING_PX))
-    return cv2.morphologyEx(clean, cv2.MORPH_CLOSE, kernel, borderType=cv2.BORDER_CONSTANT, borderValue=0)
+    closed: Array = np.asarray(cv2.morphologyEx(clean, cv2.MORPH_CLOSE, kernel))
+    for edge in (np.s_[0], np.s_[-1], np.s_[:, 0], np.s_[:, -1]):
+        closed[edge] = clean[edge]
+    return closed
 
 
 def _joined(clean: Array, bridge: Array) -> Array:
