@@ -36,7 +36,9 @@ def speed(
     seed: Annotated[int, typer.Option(min=0, max=MAX_SEED, help="Seed of the objects and tasks.")] = 0,
     json: Annotated[bool, typer.Option("--json", help="Print the figures as JSON.")] = False,
 ) -> None:
-    """Time one engine step with two candidates and the descriptor of a 128 x 128 view, on one core.
+    """Time one engine step with two candidates, the descriptor of a view, and perception of a 640 x 480 frame.
+
+    On one core; perception is finding the object before a captured background and cutting it out.
 
     Example:
 

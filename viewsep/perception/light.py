@@ -7,7 +7,7 @@ import numpy as np
 
 from viewsep.messages import Array, FloatArray
 
-STRIDE = 9  # pixels between samples
+STRIDE = 12  # pixels between samples
 USABLE = (20, 250)  # grey levels: darker ones are noise, brighter ones clipped
 
 

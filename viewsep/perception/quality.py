@@ -12,7 +12,7 @@ from viewsep.perception.components import Component
 from viewsep.perception.tracking import CREDIBLE_AFTER, Sighting, Track, turned
 
 ACROSS_PX = 3  # how far inside and outside of the outline colours are compared
-OUTLINE_POINTS = 240
+OUTLINE_POINTS = 160
 SEEN_GREY_LEVELS = 10.0  # a smaller difference across the outline is none
 GROWS_PER_RAD = 3.0  # how much the log of an object's area may change while it turns
 
