@@ -14,7 +14,7 @@ from viewsep.messages import Array, BoolArray, FloatArray
 from viewsep.perception.boxes import Box, around
 from viewsep.perception.captures import Angles
 from viewsep.perception.ground import Difference
-from viewsep.perception.light import gains, samples, scaled
+from viewsep.perception.light import gains, places, samples, scaled
 from viewsep.perception.shadow import soft_shadow
 
 SMOOTH = (3, 3)
@@ -50,6 +50,12 @@ class BackgroundModel:
     def still_bounds(self) -> tuple[Array, Array]:
         """The darkest and the brightest (H, W, 3) that a shaking camera sees."""
         return _bounds(self.still, self.still, self.tolerance)
+
+    @cached_property
+    def still_samples(self) -> tuple[Array, Array, Array]:
+        """Samples (N, 3) of the still picture and of its bounds, where they are quick to get at."""
+        low, high = self.still_bounds
+        return samples(self.still).copy(), samples(low).copy(), samples(high).copy()
 
 
 def learn_background(
@@ -127,13 +133,13 @@ class Background:
 
         Taken away from the box, where the object is, and from what moves with the joints.
         """
-        model, (low, high) = self.model, self.model.still_bounds
+        model = self.model
         away = _away(model.still.shape[:2], box if _covers_little(box, image.shape[:2]) else None, model.moving)
-        seen, still = samples(image)[away], samples(model.still)[away]
+        seen, (still, low, high) = samples(image)[away], (sample[away] for sample in model.still_samples)
         gain = gains(seen, still)
         room = 2.0 * NOISE_MULTIPLE * model.noise  # more, as these pixels are not smoothed
-        darkest = np.minimum(samples(low)[away] * gain, CLIPPED) - room
-        brightest = samples(high)[away] * gain + room
+        darkest = np.minimum(low * gain, CLIPPED) - room
+        brightest = high * gain + room
         fits = ((seen >= darkest) & (seen <= brightest)).all(axis=1)
         return gain, 1.0 - float(fits.mean())
 
@@ -158,12 +164,13 @@ def _covers_little(box: Box, shape: tuple[int, ...]) -> bool:
 
 def _away(shape: tuple[int, ...], *boxes: Box | None) -> BoolArray:
     """Which of the samples of a picture of `shape` lie in none of the boxes; all where that leaves too few."""
-    free = np.ones(shape[:2], bool)
+    rows, columns = places(shape[0]), places(shape[1])
+    free = np.ones((len(rows), len(columns)), bool)
     for box in boxes:
         if box is not None:
-            free[box.part] = False
-    away = samples(free)
-    return away if away.sum() >= FEWEST_SAMPLES else np.ones(len(away), bool)
+            across = (rows >= box.top) & (rows < box.bottom)
+            free[np.ix_(across, (columns >= box.left) & (columns < box.right))] = False
+    return free.ravel() if free.sum() >= FEWEST_SAMPLES else np.ones(free.size, bool)
 
 
 def _intersection(box: Box, other: Box) -> tuple[Box | None, Box | None]:

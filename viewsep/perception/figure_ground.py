@@ -69,7 +69,12 @@ class Segmenter:
         mask[box.part] = found.mask > 0
         quality = judge(image, mask, found, tuple(joints), track, self.limits)
         problem = problem or quality.problem
-        return Figure(mask, quality, problem, track.after(around(mask), found.area, tuple(joints), not problem))
+        return Figure(
+            mask,
+            quality,
+            problem,
+            track.after(_shifted(around(found.mask), box), found.area, tuple(joints), not problem),
+        )
 
     def _search(self, image: Array, joints: Sequence[float], box: Box, track: Track) -> tuple[Component, str]:
         """The object in the box, its mask (h, w), and what is wrong with the ground."""
@@ -85,6 +90,13 @@ class Segmenter:
             mask = np.where(held, np.uint8(0), found.mask)
             found = replace(found, mask=mask, area=int(cv2.countNonZero(mask)))
         return found, ground.problem
+
+
+def _shifted(inner: Box | None, box: Box) -> Box | None:
+    """What lies in the pixels of the box, in those of the picture."""
+    if inner is None:
+        return None
+    return Box(box.left + inner.left, box.top + inner.top, box.left + inner.right, box.top + inner.bottom)
 
 
 def _middle(before: Box, box: Box) -> tuple[float, float]:

@@ -17,6 +17,11 @@ def samples(picture: Array) -> Array:
     return every.reshape(-1, *picture.shape[2:])
 
 
+def places(length: int) -> Array:
+    """The rows, or the columns, of the samples of a picture of that height, or width."""
+    return np.arange(STRIDE // 2, length, STRIDE)
+
+
 def gains(seen: Array, expected: Array) -> FloatArray:
     """(3,) by which the colours `seen` (N, 3) are brighter than those `expected`; 1 where none can be compared."""
     gain = np.ones(3)
