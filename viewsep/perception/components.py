@@ -18,14 +18,13 @@ FAR_OFF = 0.5  # what a piece as far off as the picture is wide counts for
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Component:
-    """The chosen piece: `mask` (h, w) uint8 with 1 on it, its `area` in pixels, its `outline` (N, 2) int of x, y.
+    """The chosen piece: `mask` (h, w) uint8 with 1 on it, its `area` in pixels.
 
     `rival` is the area of all other pieces together as a share of its own.
     """
 
     mask: Array
     area: int
-    outline: Array
     rival: float
 
 
@@ -45,13 +44,13 @@ def largest_plausible(
     outlines: Sequence[Array] = found
     mask = np.zeros_like(closed)
     if not outlines:
-        return Component(mask, 0, np.empty((0, 2), np.int32), 0.0)
+        return Component(mask, 0, 0.0)
     areas = np.array([cv2.contourArea(outline) for outline in outlines])
     best = int(np.argmax(areas * _nearness(outlines, near, max(mask.shape))))
     cv2.drawContours(mask, outlines, best, 1, cv2.FILLED)
     others = np.delete(areas, best)
     rival = float(others.sum() / max(areas[best], 1.0))
-    return Component(mask, int(cv2.countNonZero(mask)), outlines[best].reshape(-1, 2), rival)
+    return Component(mask, int(cv2.countNonZero(mask)), rival)
 
 
 def _closed(clean: Array) -> Array:

@@ -67,7 +67,7 @@ class Segmenter:
             found, problem = self._search(image, joints, box, track)
         mask = np.zeros(shape, bool)
         mask[box.part] = found.mask > 0
-        quality = judge(image, mask, found, tuple(joints), track, self.limits)
+        quality = judge(image, found, box, tuple(joints), track, self.limits)
         problem = problem or quality.problem
         return Figure(
             mask,

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from viewsep.errors import BadInput
 from viewsep.messages import Frame
+from viewsep.perception.boxes import whole
 from viewsep.perception.crop import enclosing_circle, squared
 from viewsep.perception.figure_ground import FigureGround
 from viewsep.perception.tracking import CREDIBLE_AFTER, Track
@@ -39,9 +40,12 @@ class ObjectFinder:
         self.track = figure.track
         if figure.problem:
             raise BadInput(figure.problem)
-        x, y, radius_px = enclosing_circle(figure.mask)
+        box = self.track.box or whole(frame.image.shape[:2])
+        x, y, radius_px = enclosing_circle(figure.mask[box.part])
         if len(before.doubted) == CREDIBLE_AFTER:  # another object than before
             self.circle_px = 0.0
         self.circle_px = max(self.circle_px, radius_px)
-        cut = squared(frame.image, figure.mask, (x, y), self.radius_px or self.circle_px, self.size_px)
+        cut = squared(
+            frame.image, figure.mask, (x + box.left, y + box.top), self.radius_px or self.circle_px, self.size_px
+        )
         return Frame(frame.stamp_ns, frame.sequence, *cut)

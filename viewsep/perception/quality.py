@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from viewsep.messages import Array, BoolArray
+from viewsep.messages import Array
+from viewsep.perception.boxes import Box
 from viewsep.perception.components import Component
 from viewsep.perception.tracking import CREDIBLE_AFTER, Sighting, Track, turned
 
@@ -43,18 +44,16 @@ class Quality:
     problem: str = ""
 
 
-def judge(
-    image: Array, mask: BoolArray, found: Component, joints: tuple[float, ...], track: Track, limits: Limits
-) -> Quality:
-    """Judge the mask (H, W) of a picture (H, W, 3); `found.outline` is left alone, the mask's own is what counts."""
-    share = found.area / mask.size
+def judge(image: Array, found: Component, box: Box, joints: tuple[float, ...], track: Track, limits: Limits) -> Quality:
+    """Judge what was found in the box of a picture (H, W, 3)."""
+    share = found.area / (image.shape[0] * image.shape[1])
     if share < limits.smallest_share:
         parts = {"size": _above(share, limits.smallest_share)}
         return Quality(parts["size"], parts, "no object stands out from the background: is it in the picture?")
-    outline = _outline(mask)
-    on_border = _on_border(outline, mask.shape)
+    outline = _outline(found.mask) + np.array([box.left, box.top])
+    on_border = _on_border(outline, image.shape)
     jump = area_jump(Sighting(found.area, joints), track)
-    contrast = contrast_share(image, mask, outline)
+    contrast = contrast_share(image, outline)
     parts = {
         "size": min(_above(share, limits.smallest_share), _below(share, limits.largest_share)),
         "border": _below(on_border, limits.border_share),
@@ -85,7 +84,7 @@ def area_jump(now: Sighting, track: Track) -> float:
     return min(_excess(now, before) for before in track.seen)
 
 
-def contrast_share(image: Array, mask: BoolArray, outline: Array) -> float:
+def contrast_share(image: Array, outline: Array) -> float:
     """The share of the outline (N, 2) of x, y across which the picture's colours differ."""
     if len(outline) < 8:
         return 0.0
@@ -113,9 +112,9 @@ def _excess(now: Sighting, before: Sighting) -> float:
     return max(0.0, change - GROWS_PER_RAD * turned(now.joints, before.joints))
 
 
-def _outline(mask: BoolArray) -> Array:
-    """(N, 2) of x, y: the longest outline."""
-    outlines, _ = cv2.findContours(mask.view(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+def _outline(mask: Array) -> Array:
+    """(N, 2) of x, y: the longest outline of a mask (h, w) uint8; parts that a holder hides are left out."""
+    outlines, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     longest = max(outlines, key=len, default=np.empty((0, 1, 2), np.int32))
     return np.asarray(longest.reshape(-1, 2))
 
