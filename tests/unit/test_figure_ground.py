@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from viewsep.config import Config, load_config, parse_config
 from viewsep.descriptors.cch import ColourCooccurrence
 from viewsep.errors import BadConfig, BadInput
+from viewsep.framing import FRAME_FILL
 from viewsep.geometry import axis_rotation
 from viewsep.kinematics import preset
 from viewsep.messages import Array, BoolArray, Frame, JointState
@@ -32,7 +33,6 @@ from viewsep.perception.setup import finder_of
 from viewsep.perception.shadow import soft_shadow
 from viewsep.perception.stored import load_background, load_holder, save_background, save_holder
 from viewsep.perception.tracking import CREDIBLE_AFTER, Track, region_of_interest
-from viewsep.sim.render import FRAME_FILL
 from viewsep.sim.stage import Stage, Staging
 from viewsep.sim.staged_camera import EMPTY
 from viewsep.sim.view_set import read_view_set

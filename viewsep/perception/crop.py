@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 
 from viewsep.errors import BadInput
+from viewsep.framing import FRAME_FILL
 from viewsep.messages import Array, BoolArray
-from viewsep.sim.render import FRAME_FILL
 
 
 def enclosing_circle(mask: BoolArray) -> tuple[float, float, float]:
