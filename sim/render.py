@@ -9,13 +9,13 @@ from typing import Protocol
 import cv2
 import numpy as np
 
+from viewsep.framing import FRAME_FILL
 from viewsep.geometry import matrix_to_quaternion, perpendicular
 from viewsep.messages import Array, FloatArray
 from viewsep.sim.mesh import Mesh, check_mesh
 from viewsep.sim.physics import load_pybullet
 
 FIELD_OF_VIEW_DEG = 20.0
-FRAME_FILL = 0.94  # share of the picture's half width that the object's bounding sphere takes
 LOOKS = 1  # to be raised with every change of what pictures look like: caches tell old and new ones apart by it
 SUPERSAMPLING = 2  # the renderer does not smooth: render larger, average down
 

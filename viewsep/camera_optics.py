@@ -9,11 +9,12 @@ import numpy as np
 
 from viewsep.config import Config
 from viewsep.errors import BadInput
+from viewsep.framing import FRAME_FILL
 from viewsep.models.aspect_graph import AspectGraph
 from viewsep.recordings.camera_poses import Optics
 from viewsep.sim.mesh import Mesh, check_mesh, find_mesh
 from viewsep.sim.products import parse_product, write_product
-from viewsep.sim.render import FIELD_OF_VIEW_DEG, FRAME_FILL
+from viewsep.sim.render import FIELD_OF_VIEW_DEG
 from viewsep.sim.source import GENERATED
 
 RADII = "radii of the object"

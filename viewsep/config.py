@@ -92,6 +92,33 @@ class CameraConfig(Section):
     rate_hz: float = Field(default=30.0, gt=0, le=1000)
 
 
+class MaskLimits(Section):
+    """Where a mask stops being good; see docs/perception.md. Shares are of the picture or of the object's outline."""
+
+    smallest_share: float = Field(default=0.003, gt=0, lt=1)
+    largest_share: float = Field(default=0.6, gt=0, le=1)
+    border_share: float = Field(default=0.01, gt=0, le=1)
+    area_jump: float = Field(default=1.35, gt=1, le=100)
+    contrast_share: float = Field(default=0.6, gt=0, le=1)
+    rival_share: float = Field(default=0.12, gt=0, le=1)
+
+
+class PerceptionConfig(Section):
+    """How the object is found in frames that come without a mask: `given` leaves that to the camera.
+
+    `background` and `holder` are files that were captured of the empty rig (a holder that does not move may be a PNG,
+    white where it is), `region` columns and rows left, top, width, height. `object_radius_px` is the radius of the
+    object's bounding sphere in the camera's picture, 0: the largest seen so far.
+    """
+
+    method: Literal["given", "background", "plain", "region"] = "given"
+    background: str = ""
+    holder: str = ""
+    region: tuple[int, int, int, int] | None = None
+    object_radius_px: float = Field(default=0.0, ge=0, le=10_000)
+    limits: MaskLimits = MaskLimits()
+
+
 class PluginConfig(Section):
     """A plug-in by name, with its own options."""
 
@@ -199,6 +226,7 @@ class Config(Section):
 
     rig: RigConfig = RigConfig()
     camera: CameraConfig = CameraConfig()
+    perception: PerceptionConfig = PerceptionConfig()
     descriptor: DescriptorConfig = DescriptorConfig()
     interpreter: InterpreterConfig = InterpreterConfig()
     planner: PlannerConfig = PlannerConfig()
@@ -241,6 +269,7 @@ def parse_config(table: Any, origin: str) -> Config:
         )
     try:
         geometry_of(rig)
+        _check_perception(config.perception)
         if rig.backend == "dynamixel":
             _check_servos(config)
     except BadConfig as error:
@@ -255,6 +284,20 @@ def explain(error: ValidationError) -> str:
     if first["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
         return f"unknown key {key!r}: check the spelling against the examples in docs/config"
     return f"key {key!r} = {first['input']!r}: {first['msg'][0].lower()}{first['msg'][1:]}"
+
+
+def _check_perception(given: PerceptionConfig) -> None:
+    """Raises BadConfig when the method lacks what it needs."""
+    if given.method == "background" and not given.background:
+        raise BadConfig(
+            "key 'perception.background' is missing: give the file captured of the empty rig, or use method 'plain'"
+        )
+    if given.method == "region" and given.region is None:
+        raise BadConfig("key 'perception.region' is missing: give [left, top, width, height] in pixels")
+    if given.region is not None and (min(given.region[:2]) < 0 or min(given.region[2:]) < 1):
+        raise BadConfig(
+            f"key 'perception.region' = {list(given.region)}: left and top must be at least 0, width and height 1"
+        )
 
 
 def _check_servos(config: Config) -> None:

@@ -18,6 +18,7 @@ from viewsep.interfaces import Listener
 from viewsep.messages import Outcome, Result
 from viewsep.models.aspect_graph import AspectGraph
 from viewsep.perception import RigPerception
+from viewsep.perception.setup import finder_of
 from viewsep.plugins import make_descriptor
 from viewsep.recording import in_background, task_recorder
 from viewsep.rigs import PictureKind, pace_of, rig_holding
@@ -118,7 +119,7 @@ def run_task(
     config = simulated.config
     engine = make_engine(config, models)
     _check_source(task, models, simulated.object_digest)
-    perception = RigPerception(simulated.rig, make_descriptor(config.descriptor))
+    perception = RigPerception(simulated.rig, make_descriptor(config.descriptor), finder_of(config))
     session = Session(simulated.rig, engine, perception, pace_of(config), listeners)
     on_start(session)
     if task.record is None:

@@ -21,6 +21,8 @@ from viewsep.sim.clock import PacedClock, SimClock
 from viewsep.sim.disturbances import Disturbances
 from viewsep.sim.plate import PhotoPlate, Photos
 from viewsep.sim.render import CameraOptics, MeshRenderer
+from viewsep.sim.stage import Stage, Staging
+from viewsep.sim.staged_camera import Delivery, StagedCamera
 from viewsep.sim.view_set import read_view_set
 from viewsep.sim.world import SimWorld
 
@@ -47,6 +49,20 @@ def photos(disturbances: Disturbances | None = None) -> Make:
         world = PhotoPlate(preset("turntable", 20.0), clock, disturbances or Disturbances(), rests, 0.0)
         stack.callback(world.close)
         return CameraCase(SimCamera(world, Photos(view_set, range(12), 48)), clock)
+
+    return make
+
+
+def staged(delivery: Delivery | None = None, start_ns: int = 0) -> Make:
+    def make(mesh: Path, stack: ExitStack) -> CameraCase:
+        clock = SimClock(start_ns)
+        world = SimWorld(preset("turntable"), clock, 0, Disturbances())
+        stack.callback(world.close)
+        stage = Stage(Staging(plate=True, gripper=True, size=(96, 72), object_px=40))
+        pictures = MeshRenderer(mesh, CameraOptics(40))
+        return CameraCase(
+            StagedCamera(world, pictures, stage, lambda stamp_ns: world.load_at(stamp_ns).tolist(), delivery), clock
+        )
 
     return make
 
@@ -81,6 +97,10 @@ IMPLEMENTATIONS: dict[str, Make] = {
     "simulated, connected after an hour": simulated(3_600_000_000_123, Disturbances(drop_rate=0.2)),
     "photos": photos(),
     "photos, late, lossy and noisy": photos(Disturbances(latency_s=0.1, drop_rate=0.2, noise=0.1, mask_error=0.1)),
+    "staged": staged(),
+    "staged, late and lossy, connected after an hour": staged(
+        Delivery(latency_s=0.1, drop_rate=0.2, buffers=2), 3_600_000_000_123
+    ),
     "shared, stepped": shared(0.0, Disturbances(latency_s=0.1, drop_rate=0.2)),
     "shared, real time": shared(2.0),
     "shared, real time, late and lossy": shared(2.0, Disturbances(latency_s=0.1, drop_rate=0.2)),

@@ -9,6 +9,7 @@ from rich.table import Table
 
 from viewsep.bench.speed import measure_speed
 from viewsep.cli.bench_calibration import calibration
+from viewsep.cli.bench_masks import masks
 from viewsep.cli.bench_pose import pose
 from viewsep.cli.bench_recording import recording
 from viewsep.cli.bench_scale import scale
@@ -22,6 +23,7 @@ app = typer.Typer(help="Measure the method: how often it is right, what it costs
 app.command("recording")(recording)
 app.command("separation")(separation)
 app.command("calibration")(calibration)
+app.command("masks")(masks)
 app.command("pose")(pose)
 app.command("scale")(scale)
 app.command("service")(service)
@@ -34,7 +36,9 @@ def speed(
     seed: Annotated[int, typer.Option(min=0, max=MAX_SEED, help="Seed of the objects and tasks.")] = 0,
     json: Annotated[bool, typer.Option("--json", help="Print the figures as JSON.")] = False,
 ) -> None:
-    """Time one engine step with two candidates and the descriptor of a 128 x 128 view, on one core.
+    """Time one engine step with two candidates, the descriptor of a view, and perception of a 640 x 480 frame.
+
+    On one core; perception is finding the object before a captured background and cutting it out.
 
     Example:
 

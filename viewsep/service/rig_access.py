@@ -9,6 +9,7 @@ from typing import Protocol
 from viewsep.config import Config, DescriptorConfig
 from viewsep.interfaces import Perception
 from viewsep.perception import RigPerception
+from viewsep.perception.setup import finder_of
 from viewsep.plugins import make_descriptor
 from viewsep.service.looks import Send
 from viewsep.service.names import Role
@@ -56,7 +57,7 @@ class LocalAccess:
     def setup(self, config: Config) -> tuple[Config, str]:
         """The configuration with this rig's own sections, and what it holds."""
         own = self._served.config
-        sections = {"rig": own.rig, "camera": own.camera, "sim": own.sim}
+        sections = {"rig": own.rig, "camera": own.camera, "perception": own.perception, "sim": own.sim}
         return config.model_copy(update=sections), self._served.holds
 
     def lent_to(self, holder: str) -> Rig:
@@ -65,7 +66,7 @@ class LocalAccess:
 
     def perception(self, rig: Rig, descriptor: DescriptorConfig) -> Perception:
         """Frames paired with read-backs in this process."""
-        return RigPerception(rig, make_descriptor(descriptor))
+        return RigPerception(rig, make_descriptor(descriptor), finder_of(self._served.config))
 
     def link(self) -> LinkStatus:
         """There is nothing between engine and rig."""

@@ -17,6 +17,7 @@ import zenoh
 from viewsep.interfaces import Look, MotionBackend
 from viewsep.messages import Array, FloatArray
 from viewsep.perception import RigPerception
+from viewsep.perception.setup import finder_of
 from viewsep.plugins import make_descriptor
 from viewsep.service.calls import (
     MAX_WAIT_S,
@@ -207,13 +208,14 @@ class _Perceptions:
 
     def __init__(self, served: ServedRig) -> None:
         self._rig = Rig(served.motion, served.camera, served.geometry, served.clock)
-        self._pairing = RigPerception(self._rig, _PairingOnly())
+        self._finder = finder_of(served.config)  # it remembers from look to look
+        self._pairing = RigPerception(self._rig, _PairingOnly(), self._finder)
 
     def look(self, call: LookCall) -> Look:
         """Raises Timeout, BadConfig."""
         if call.send != "descriptor":
             return self._pairing.look(call.newer_than_ns, call.timeout_s)
-        perception = RigPerception(self._rig, make_descriptor(call.descriptor))
+        perception = RigPerception(self._rig, make_descriptor(call.descriptor), self._finder)
         return perception.look(call.newer_than_ns, call.timeout_s)
 
 

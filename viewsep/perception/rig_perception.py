@@ -10,23 +10,31 @@ from viewsep.errors import BadInput, Timeout
 from viewsep.interfaces import Descriptor, Look
 from viewsep.kinematics import RigGeometry
 from viewsep.messages import FloatArray, Frame, JointState, Percept
+from viewsep.perception.finder import ObjectFinder
 from viewsep.session import Rig
 
 POLL_NS = 5_000_000
 
 
 class RigPerception:
-    """`Perception` beside the rig: camera, read-backs and descriptor in one process."""
+    """`Perception` beside the rig: camera, read-backs and descriptor in one process.
 
-    def __init__(self, rig: Rig, descriptor: Descriptor) -> None:
+    Frames without a mask go through the `finder`, if there is one; a look's frame is then what it cut out, so that the
+    percept can be made again from it, or the whole picture where no good mask was found.
+    """
+
+    def __init__(self, rig: Rig, descriptor: Descriptor, finder: ObjectFinder | None = None) -> None:
         self._rig = rig
         self._descriptor = descriptor
+        self._finder = finder
 
     def look(self, newer_than_ns: int, timeout_s: float) -> Look:
         """Read a frame and pair it with the joint angles at its moment. Raises Timeout when none comes."""
         frame = self._rig.camera.read(newer_than_ns, timeout_s)
         try:
             history = self._history_around(frame.stamp_ns, timeout_s)
+            if frame.mask is None and self._finder is not None:
+                frame = self._finder.find(frame, position_at(frame.stamp_ns, history).tolist())
             return Look(frame.stamp_ns, frame, perceive(frame, history, self._rig.geometry, self._descriptor))
         except (Timeout, BadInput) as error:
             return Look(frame.stamp_ns, frame, None, str(error))

@@ -1,0 +1,82 @@
+"""From what differs to one object: specks removed, gaps closed, the largest plausible piece, holes filled."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from viewsep.messages import Array
+
+OPENING = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (5, 5))
+RIM = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))  # differences are seen in smoothed pictures, a pixel too wide
+CLOSING_PX = 9  # gaps up to about this width are closed
+FAR_OFF = 0.5  # what a piece as far off as the picture is wide counts for
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Component:
+    """The chosen piece: `mask` (h, w) uint8 with 1 on it, its `area` in pixels.
+
+    `rival` is the area of all other pieces together as a share of its own.
+    """
+
+    mask: Array
+    area: int
+    rival: float
+
+
+def largest_plausible(
+    differs: Array, bridge: Array | None = None, near: tuple[float, float] | None = None
+) -> Component:
+    """The largest piece of an (h, w) uint8 picture of what differs, those far from `near` (x, y) counting for less.
+
+    Pieces that touch `bridge`, an (h, w) bool mask of what may hide a part of the object, belong together. The holes of
+    the piece are filled; nothing makes an empty one.
+    """
+    clean = cv2.erode(cv2.morphologyEx(differs, cv2.MORPH_OPEN, OPENING), RIM)
+    if bridge is not None:
+        clean = _joined(clean, bridge)
+    closed = _closed(clean)
+    found, _ = cv2.findContours(closed, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    outlines: Sequence[Array] = found
+    mask = np.zeros_like(closed)
+    if not outlines:
+        return Component(mask, 0, 0.0)
+    areas = np.array([cv2.contourArea(outline) for outline in outlines])
+    best = int(np.argmax(areas * _nearness(outlines, near, max(mask.shape))))
+    cv2.drawContours(mask, outlines, best, 1, cv2.FILLED)
+    others = np.delete(areas, best)
+    rival = float(others.sum() / max(areas[best], 1.0))
+    return Component(mask, int(cv2.countNonZero(mask)), rival)
+
+
+def _closed(clean: Array) -> Array:
+    """Gaps closed, but nothing grows onto the border: what is there was there before."""
+    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (CLOSING_PX, CLOSING_PX))
+    closed: Array = np.asarray(cv2.morphologyEx(clean, cv2.MORPH_CLOSE, kernel))
+    for edge in (np.s_[0], np.s_[-1], np.s_[:, 0], np.s_[:, -1]):
+        closed[edge] = clean[edge]
+    return closed
+
+
+def _joined(clean: Array, bridge: Array) -> Array:
+    """`clean` with those pieces of the bridge that lie between two pieces of it, or within one."""
+    across = cv2.morphologyEx(clean, cv2.MORPH_CLOSE, np.ones((1, 2 * _width(bridge) + 1), np.uint8))
+    return np.where(bridge, across, clean)
+
+
+def _width(bridge: Array) -> int:
+    """The most columns of one row that the bridge covers, as far as closing across it makes sense."""
+    return int(min(bridge.sum(axis=1, dtype=np.int32).max(initial=0), bridge.shape[1] // 4))
+
+
+def _nearness(outlines: Sequence[Array], near: tuple[float, float] | None, size: int) -> Array:
+    """(N,) from 1 at `near` down to FAR_OFF."""
+    if near is None:
+        return np.ones(len(outlines))
+    middles = np.array([outline.reshape(-1, 2).mean(axis=0) for outline in outlines])
+    away = np.minimum(np.hypot(*(middles - near).T) / size, 1.0)
+    return np.asarray(1.0 - (1.0 - FAR_OFF) * away)

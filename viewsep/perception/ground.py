@@ -1,0 +1,37 @@
+"""What is behind and around the object: the interface, and what it says of a picture."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+from viewsep.messages import Array
+from viewsep.perception.boxes import Box
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Difference:
+    """What differs from the ground in a box of a picture: `differs` (h, w) uint8 with 1 there.
+
+    `problem` is empty, or a sentence that says why the ground is not to be trusted.
+    """
+
+    differs: Array
+    problem: str = ""
+
+
+class Ground(Protocol):
+    """What is behind and around the object. `shows_holder` says whether the holder is a part of it."""
+
+    @property
+    def shows_holder(self) -> bool:
+        """Whether the holder is expected to be seen, so that what differs in its place is in front of it."""
+        ...
+
+    def difference(self, image: Array, joints: Sequence[float], box: Box) -> Difference:
+        """Where an (H, W, 3) uint8 picture taken at joint angles (n,) differs from the ground within the box.
+
+        Soft shadows are ground. Raises BadInput for a picture that cannot be compared.
+        """
+        ...
