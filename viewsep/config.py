@@ -34,14 +34,17 @@ class JointConfig(Section):
 class RigConfig(Section):
     """Which joints hold the object and where the camera is: a preset (`gimbal` by default) or `joints`.
 
-    `camera_elevation_deg` overrides the preset's; own joints have 0 by default. `views_deg` are the only views that a
-    rig with photos shows, azimuth and elevation in the control frame; they follow from the photos and are filled in.
+    `camera_elevation_deg` overrides the preset's; own joints have 0 by default. `backlash_deg` is the play between
+    encoder and object, one number for each joint in their order; `viewsep rig calibrate camera` finds it.
+    `views_deg` are the only views that a rig with photos shows, azimuth and elevation in the control frame; they
+    follow from the photos and are filled in.
     """
 
     backend: Literal["sim", "photos", "dynamixel"] = "sim"
     preset: str | None = None
     joints: tuple[JointConfig, ...] = ()
     camera_elevation_deg: float | None = Field(default=None, ge=-90, le=90)
+    backlash_deg: tuple[Annotated[float, Field(ge=0, le=45)], ...] = ()
     views_deg: tuple[tuple[float, Annotated[float, Field(ge=-90, le=90)]], ...] = ()
 
 
@@ -86,10 +89,11 @@ class DynamixelConfig(Section):
 
 
 class CameraConfig(Section):
-    """Picture size (square) and exposure rate."""
+    """Picture size (square), exposure rate, and how much later than the exposure its stamps are."""
 
     size_px: int = Field(default=128, ge=32, le=1024)
     rate_hz: float = Field(default=30.0, gt=0, le=1000)
+    latency_s: float = Field(default=0.0, ge=-0.5, le=0.5)
 
 
 class PluginConfig(Section):
@@ -240,7 +244,7 @@ def parse_config(table: Any, origin: str) -> Config:
             f"{origin}: key 'rig.views_deg' goes with rig.backend = 'photos', not {rig.backend!r}: remove it"
         )
     try:
-        geometry_of(rig)
+        _check_backlash(rig)
         if rig.backend == "dynamixel":
             _check_servos(config)
     except BadConfig as error:
@@ -255,6 +259,16 @@ def explain(error: ValidationError) -> str:
     if first["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
         return f"unknown key {key!r}: check the spelling against the examples in docs/config"
     return f"key {key!r} = {first['input']!r}: {first['msg'][0].lower()}{first['msg'][1:]}"
+
+
+def _check_backlash(rig: RigConfig) -> None:
+    """Raises BadConfig when there is not one number for each joint."""
+    names = [joint.name for joint in geometry_of(rig).limits]
+    if rig.backlash_deg and len(rig.backlash_deg) != len(names):
+        raise BadConfig(
+            f"key 'rig.backlash_deg' has {len(rig.backlash_deg)} numbers, but the rig has the joints {names}: give one "
+            "for each, in this order"
+        )
 
 
 def _check_servos(config: Config) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -45,6 +45,25 @@ def set_bus(path: Path, key: str, value: float | int) -> Path:
 
     def edit(document: Any) -> None:
         document["dynamixel"][key] = value
+
+    return change(path, edit)
+
+
+def set_timing(path: Path, latency_s: float, backlash_deg: Sequence[float]) -> Path:
+    """Set how late the camera's stamps are, and the play of every joint."""
+
+    def edit(document: Any) -> None:
+        document.setdefault("camera", tomlkit.table())["latency_s"] = latency_s
+        document.setdefault("rig", tomlkit.table())["backlash_deg"] = list(backlash_deg)
+
+    return change(path, edit)
+
+
+def set_rig(path: Path, key: str, value: float) -> Path:
+    """Set one key of the rig."""
+
+    def edit(document: Any) -> None:
+        document.setdefault("rig", tomlkit.table())[key] = value
 
     return change(path, edit)
 

@@ -3,31 +3,18 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 from rich.table import Column, Table
-from typer.core import TyperGroup
 
 from viewsep.cli.console import people, print_json, results
+from viewsep.cli.default_command import DefaultsToFirst
 from viewsep.cli.models_check import check
 from viewsep.models import library
 
-LIST = "list"
-
-
-class ListsByDefault(TyperGroup):
-    """`viewsep models LIBRARY` is `viewsep models list LIBRARY`; a library with the name of a command is `./NAME`."""
-
-    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """What does not begin with a command, or ask for help, is for the list."""
-        if not args or args[0] not in (*self.commands, *ctx.help_option_names):
-            args = [LIST, *args]
-        return super().parse_args(ctx, args)
-
-
 app = typer.Typer(
-    cls=ListsByDefault,
+    cls=DefaultsToFirst,
     help="""List the models of a library, or check which of them are hard to tell apart.
 
     Examples:
@@ -38,10 +25,9 @@ app = typer.Typer(
     """,
     rich_markup_mode="markdown",
 )
-app.command("check")(check)
 
 
-@app.command(LIST)
+@app.command("list")
 def models(
     folder: Annotated[Path, typer.Argument(help="Library folder.", metavar="LIBRARY", show_default=False)],
     plot: Annotated[Path | None, typer.Option(help="Draw a contact sheet of all views (PNG).")] = None,
@@ -89,3 +75,6 @@ def models(
             str(row["source"]),
         )
     results.print(table)
+
+
+app.command("check")(check)

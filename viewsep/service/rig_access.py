@@ -6,6 +6,7 @@ import threading
 from collections.abc import Callable
 from typing import Protocol
 
+from viewsep.calibration.compensation import compensated
 from viewsep.config import Config, DescriptorConfig
 from viewsep.interfaces import Perception
 from viewsep.perception import RigPerception
@@ -65,7 +66,7 @@ class LocalAccess:
 
     def perception(self, rig: Rig, descriptor: DescriptorConfig) -> Perception:
         """Frames paired with read-backs in this process."""
-        return RigPerception(rig, make_descriptor(descriptor))
+        return RigPerception(compensated(rig, self._served.config), make_descriptor(descriptor))
 
     def link(self) -> LinkStatus:
         """There is nothing between engine and rig."""
