@@ -68,8 +68,7 @@ def steps_of(limit: JointLimits, at_rad: float) -> FloatArray:
             f"{np.degrees(0.5 * SPAN_RAD + 2.0 * RUN_UP_RAD):.0f} are needed to see latency and play"
         )
     first = float(np.clip(at_rad - 0.5 * span, low, high - span)) if np.isfinite(span + low) else at_rad - 0.5 * span
-    stops: FloatArray = first + np.arange(int(span / STOP_RAD) + 1) * STOP_RAD
-    return stops
+    return np.asarray(first + STOP_RAD * np.arange(int(span / STOP_RAD) + 1), np.float64)
 
 
 def measure_timing(
