@@ -59,11 +59,14 @@ def set_timing(path: Path, latency_s: float, backlash_deg: Sequence[float]) -> P
     return change(path, edit)
 
 
-def set_rig(path: Path, key: str, value: float) -> Path:
-    """Set one key of the rig."""
+def set_placement(path: Path, camera_elevation_deg: float, axes: Sequence[Sequence[float]]) -> Path:
+    """Set the camera's elevation, and the axes of joints that are written out where any are given."""
 
     def edit(document: Any) -> None:
-        document.setdefault("rig", tomlkit.table())[key] = value
+        rig = document.setdefault("rig", tomlkit.table())
+        rig["camera_elevation_deg"] = camera_elevation_deg
+        for joint, axis in zip(rig.get("joints", []), axes, strict=False):
+            joint["axis"] = list(axis)
 
     return change(path, edit)
 

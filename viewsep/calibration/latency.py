@@ -8,7 +8,7 @@ approached from above, show the play alone.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -72,6 +72,14 @@ class Timing:
     residual_rad: float
     used: int
     rejected: int
+
+
+def agreed(intervals: Sequence[Interval]) -> Interval:
+    """One value from several: their mean by certainty, its margin at least what they differ by."""
+    values, margins = (np.array(column) for column in zip(*((one.value, one.margin) for one in intervals), strict=True))
+    weights = 1.0 / np.maximum(margins, 1e-9) ** 2
+    mean = float(weights @ values / weights.sum())
+    return Interval(mean, max(float(weights.sum() ** -0.5), float(np.abs(values - mean).max())))
 
 
 def timing_of(seen: AppearanceMap, frames: Frames, encoder: ReadBacks) -> Timing:
