@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from viewsep.assembly import make_engine
+from viewsep.calibration.play import held_states
 from viewsep.config import Config, geometry_of, parse_config
 from viewsep.engine.engine import Engine
 from viewsep.engine.state import EngineState
@@ -247,7 +248,9 @@ def verify_frames(recording: Recording) -> FrameCheck:
     """
     config, _ = restore(recording)
     descriptor, geometry = make_descriptor(config.descriptor), geometry_of(config.rig)
-    history = [r.message for r in recording.messages if isinstance(r.message, JointState)]
+    read = [r.message for r in recording.messages if isinstance(r.message, JointState)]
+    play_deg = config.rig.backlash_deg
+    history = held_states(read, np.radians(play_deg).tolist()) if any(play_deg) else read
     frames = {frame.stamp_ns: frame for frame in recording.frames}
     similarities = []
     for recorded in recording.messages:

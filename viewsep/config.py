@@ -34,14 +34,17 @@ class JointConfig(Section):
 class RigConfig(Section):
     """Which joints hold the object and where the camera is: a preset (`gimbal` by default) or `joints`.
 
-    `camera_elevation_deg` overrides the preset's; own joints have 0 by default. `views_deg` are the only views that a
-    rig with photos shows, azimuth and elevation in the control frame; they follow from the photos and are filled in.
+    `camera_elevation_deg` overrides the preset's; own joints have 0 by default. `backlash_deg` is the play between
+    encoder and object, one number for each joint in their order; `viewsep rig calibrate camera` finds it.
+    `views_deg` are the only views that a rig with photos shows, azimuth and elevation in the control frame; they
+    follow from the photos and are filled in.
     """
 
     backend: Literal["sim", "photos", "dynamixel"] = "sim"
     preset: str | None = None
     joints: tuple[JointConfig, ...] = ()
     camera_elevation_deg: float | None = Field(default=None, ge=-90, le=90)
+    backlash_deg: tuple[Annotated[float, Field(ge=0, le=45)], ...] = ()
     views_deg: tuple[tuple[float, Annotated[float, Field(ge=-90, le=90)]], ...] = ()
 
 
@@ -86,10 +89,11 @@ class DynamixelConfig(Section):
 
 
 class CameraConfig(Section):
-    """Picture size (square) and exposure rate."""
+    """Picture size (square), exposure rate, and how much later than the exposure its stamps are."""
 
     size_px: int = Field(default=128, ge=32, le=1024)
     rate_hz: float = Field(default=30.0, gt=0, le=1000)
+    latency_s: float = Field(default=0.0, ge=-0.5, le=0.5)
 
 
 class MaskLimits(Section):
@@ -268,8 +272,8 @@ def parse_config(table: Any, origin: str) -> Config:
             f"{origin}: key 'rig.views_deg' goes with rig.backend = 'photos', not {rig.backend!r}: remove it"
         )
     try:
-        geometry_of(rig)
         _check_perception(config.perception)
+        _check_backlash(rig)
         if rig.backend == "dynamixel":
             _check_servos(config)
     except BadConfig as error:
@@ -297,6 +301,16 @@ def _check_perception(given: PerceptionConfig) -> None:
     if given.region is not None and (min(given.region[:2]) < 0 or min(given.region[2:]) < 1):
         raise BadConfig(
             f"key 'perception.region' = {list(given.region)}: left and top must be at least 0, width and height 1"
+        )
+
+
+def _check_backlash(rig: RigConfig) -> None:
+    """Raises BadConfig when there is not one number for each joint."""
+    names = [joint.name for joint in geometry_of(rig).limits]
+    if rig.backlash_deg and len(rig.backlash_deg) != len(names):
+        raise BadConfig(
+            f"key 'rig.backlash_deg' has {len(rig.backlash_deg)} numbers, but the rig has the joints {names}: give one "
+            "for each, in this order"
         )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -45,6 +45,28 @@ def set_bus(path: Path, key: str, value: float | int) -> Path:
 
     def edit(document: Any) -> None:
         document["dynamixel"][key] = value
+
+    return change(path, edit)
+
+
+def set_timing(path: Path, latency_s: float, backlash_deg: Sequence[float]) -> Path:
+    """Set how late the camera's stamps are, and the play of every joint."""
+
+    def edit(document: Any) -> None:
+        document.setdefault("camera", tomlkit.table())["latency_s"] = latency_s
+        document.setdefault("rig", tomlkit.table())["backlash_deg"] = list(backlash_deg)
+
+    return change(path, edit)
+
+
+def set_placement(path: Path, camera_elevation_deg: float, axes: Sequence[Sequence[float]]) -> Path:
+    """Set the camera's elevation, and the axes of joints that are written out where any are given."""
+
+    def edit(document: Any) -> None:
+        rig = document.setdefault("rig", tomlkit.table())
+        rig["camera_elevation_deg"] = camera_elevation_deg
+        for joint, axis in zip(rig.get("joints", []), axes, strict=False):
+            joint["axis"] = list(axis)
 
     return change(path, edit)
 

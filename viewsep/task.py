@@ -11,6 +11,7 @@ import numpy as np
 
 from viewsep.account import pose_spread_deg, telling_view_deg
 from viewsep.assembly import make_engine
+from viewsep.calibration.compensation import compensated
 from viewsep.config import Config
 from viewsep.errors import BadInput
 from viewsep.geometry import matrix_to_quaternion, rotation_angle
@@ -119,7 +120,8 @@ def run_task(
     config = simulated.config
     engine = make_engine(config, models)
     _check_source(task, models, simulated.object_digest)
-    perception = RigPerception(simulated.rig, make_descriptor(config.descriptor), finder_of(config))
+    rig = compensated(simulated.rig, config)
+    perception = RigPerception(rig, make_descriptor(config.descriptor), finder_of(config))
     session = Session(simulated.rig, engine, perception, pace_of(config), listeners)
     on_start(session)
     if task.record is None:

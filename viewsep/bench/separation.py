@@ -18,6 +18,7 @@ from viewsep.bench.stopwatch import TimedEngine
 from viewsep.bench.summary import verdict
 from viewsep.bench.symmetry import symmetries
 from viewsep.bench.tasks import SeparationTask
+from viewsep.calibration.compensation import compensated
 from viewsep.engine.engine import Engine
 from viewsep.errors import RigError
 from viewsep.geometry import rotation_angle
@@ -50,7 +51,7 @@ def carry_out(
     held = setup.hold(task.source, method.config, task.seed)
     models = [setup.model(source, held.config) for source in task.candidates]
     engine, observer = engine_from(make_engine(held.config, models)), Observer()
-    perception = RigPerception(held.rig, make_descriptor(held.config.descriptor))
+    perception = RigPerception(compensated(held.rig, held.config), make_descriptor(held.config.descriptor))
     try:
         with Session(held.rig, engine, perception, pace_of(held.config), [observer]) as session:
             return TaskRun(held, models, engine, observer, session.run(task.seed))

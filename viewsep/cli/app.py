@@ -14,7 +14,7 @@ import viewsep
 COMMANDS = {
     "demo": "demo:demo",
     "learn": "learn:learn",
-    "models": "models:models",
+    "models": "models:app",
     "separate": "separate:separate",
     "serve": "serve:serve",
     "router": "router:router",

@@ -9,9 +9,25 @@ import typer
 from rich.table import Column, Table
 
 from viewsep.cli.console import people, print_json, results
+from viewsep.cli.default_command import DefaultsToFirst
+from viewsep.cli.models_check import check
 from viewsep.models import library
 
+app = typer.Typer(
+    cls=DefaultsToFirst,
+    help="""List the models of a library, or check which of them are hard to tell apart.
 
+    Examples:
+
+        viewsep models library
+
+        viewsep models check library
+    """,
+    rich_markup_mode="markdown",
+)
+
+
+@app.command("list")
 def models(
     folder: Annotated[Path, typer.Argument(help="Library folder.", metavar="LIBRARY", show_default=False)],
     plot: Annotated[Path | None, typer.Option(help="Draw a contact sheet of all views (PNG).")] = None,
@@ -59,3 +75,6 @@ def models(
             str(row["source"]),
         )
     results.print(table)
+
+
+app.command("check")(check)

@@ -6,6 +6,7 @@ import threading
 from collections.abc import Callable
 from typing import Protocol
 
+from viewsep.calibration.compensation import compensated
 from viewsep.config import Config, DescriptorConfig
 from viewsep.interfaces import Perception
 from viewsep.perception import RigPerception
@@ -66,7 +67,8 @@ class LocalAccess:
 
     def perception(self, rig: Rig, descriptor: DescriptorConfig) -> Perception:
         """Frames paired with read-backs in this process."""
-        return RigPerception(rig, make_descriptor(descriptor), finder_of(self._served.config))
+        compensating = compensated(rig, self._served.config)
+        return RigPerception(compensating, make_descriptor(descriptor), finder_of(self._served.config))
 
     def link(self) -> LinkStatus:
         """There is nothing between engine and rig."""

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import zenoh
 
+from viewsep.calibration.compensation import compensated
 from viewsep.interfaces import Look, MotionBackend
 from viewsep.messages import Array, FloatArray
 from viewsep.perception import RigPerception
@@ -207,7 +208,8 @@ class _Perceptions:
     """Looks with the descriptor that the engine uses."""
 
     def __init__(self, served: ServedRig) -> None:
-        self._rig = Rig(served.motion, served.camera, served.geometry, served.clock)
+        rig = Rig(served.motion, served.camera, served.geometry, served.clock)
+        self._rig = compensated(rig, served.config)
         self._finder = finder_of(served.config)  # it remembers from look to look
         self._pairing = RigPerception(self._rig, _PairingOnly(), self._finder)
 
