@@ -77,6 +77,7 @@ class FakeCamera:
     line_padding: int = 0
     number: int = 0
     grabs: int = 0
+    plugs: int = 0
     opened: list[str] = field(default_factory=list)
 
     def __post_init__(self) -> None:
@@ -99,7 +100,7 @@ class FakeCamera:
 
     def plug(self, number: int) -> None:
         """As the kernel and udev do, under this number."""
-        self.number, self.gone = number, False
+        self.number, self.gone, self.plugs = number, False, self.plugs + 1
         self.node.touch()
         entry = self.folder / f"sys/video{number}"
         entry.mkdir()
@@ -181,6 +182,7 @@ class FakeCapture:
     def __init__(self, camera: FakeCamera, opened: bool) -> None:
         self._camera = camera
         self._opened = opened
+        self._plug = camera.plugs
         self._format, self._size = next((name, sizes[0]) for name, sizes in camera.modes.items())
         self._asked: dict[int, float] = {}
         self._rate_hz = float(camera.rate_hz)
@@ -229,7 +231,7 @@ class FakeCapture:
         if self._began_ns is None:
             self._began_ns = time.monotonic_ns()
         end_s = time.monotonic() + camera.select_s
-        while not (camera.gone or self._released.is_set()):
+        while not (camera.gone or self._plug != camera.plugs or self._released.is_set()):
             exposed = self._newest()
             waiting = [n for n in range(self._next, exposed + 1) if not camera.lost(n)][:QUEUE]
             if waiting and not camera.silent:

@@ -41,21 +41,11 @@ def set_fixed(node: Node, settings: V4l2Settings) -> tuple[str, ...]:
 
     Raises SettingRefused naming control, wanted and got.
     """
-    remarks: list[str] = []
-    for one in fixed(settings):
-        if one.value is None:
-            remarks += _left(node, one)
-            continue
-        for number, value in one.first:
-            if (automatic := node.control(number)) is not None:
-                _set(node, one, automatic, value)
-        control = node.control(one.control)
-        if control is None:
-            raise SettingRefused(
-                f"the camera {node.path} has no control for {one.key} = {one.value}: leave it out; "
-                f"`viewsep camera doctor --device {node.path}` shows what it has"
-            )
-        _set(node, one, control, one.value)
+    wanted = [(one, _checked(node, one, one.value)) for one in fixed(settings) if one.value is not None]
+    remarks = [remark for one in fixed(settings) if one.value is None for remark in _left(node, one)]
+    for one, steps in wanted:
+        for control, value in steps:
+            _set(node, one, control, value)
     return tuple(remarks)
 
 
@@ -68,14 +58,25 @@ def verify(node: Node, settings: V4l2Settings) -> None:
                     _expect(node, one, control, value)
 
 
+def _checked(node: Node, one: Fixed, wanted: int) -> list[tuple[Control, int]]:
+    """What has to be set to what, in order, if the camera can: nothing is set before all was looked at."""
+    control = node.control(one.control)
+    if control is None:
+        raise SettingRefused(f"the camera {node.path} has no control for {one.key} = {wanted}: leave it out")
+    automatic = [(node.control(number), value) for number, value in one.first]
+    steps = [(found, value) for found, value in (*automatic, (control, wanted)) if found is not None]
+    for found, value in steps:
+        if not found.usable:
+            raise SettingRefused(f"{_name(node, found)} cannot be set: leave {one.key} out")
+        if not found.minimum <= value <= found.maximum:
+            raise SettingRefused(
+                f"{_name(node, found)} takes {found.minimum} to {found.maximum}, not {value}: correct {one.key}"
+                + _units(one)
+            )
+    return steps
+
+
 def _set(node: Node, one: Fixed, control: Control, value: int) -> None:
-    if not control.usable:
-        raise SettingRefused(f"{_name(node, control)} cannot be set: leave {one.key} out")
-    if not control.minimum <= value <= control.maximum:
-        raise SettingRefused(
-            f"{_name(node, control)} takes {control.minimum} to {control.maximum}, not {value}: correct {one.key}"
-            + _units(one)
-        )
     try:
         node.set_value(control.id, value)
     except OSError as error:

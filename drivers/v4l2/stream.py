@@ -17,7 +17,7 @@ from viewsep.drivers.v4l2.errors import CameraLost, SettingRefused
 from viewsep.drivers.v4l2.listing import holders
 from viewsep.drivers.v4l2.node import Node
 from viewsep.drivers.v4l2.pictures import Damaged, whole
-from viewsep.drivers.v4l2.settings import V4l2Settings
+from viewsep.drivers.v4l2.settings import FORMATS, V4l2Settings
 from viewsep.drivers.v4l2.system import THIS_MACHINE, Capture, System
 from viewsep.errors import Timeout
 from viewsep.interfaces import Clock
@@ -121,7 +121,7 @@ class Stream:
         if not node.capability().captures:
             raise CameraLost(f"{self.path} gives no pictures: `viewsep camera list` lists the nodes that do")
         if node.is_busy():
-            who = " and ".join(holders(self.path, self._system)) or "another process, of another user"
+            who = " and ".join(holders(self.path, self._system)) or "this process, or another user's"
             raise CameraLost(f"the camera {self.path} is used by {who}: end it, or use another camera")
 
     def _opened(self, node: Node) -> Capture:
@@ -148,7 +148,7 @@ class Stream:
         if (got := round(capture.get(cv2.CAP_PROP_FOURCC))) != code:
             raise SettingRefused(
                 f"the camera {self.path} has no format {wanted.format} (it took {_letters(got)}): "
-                f"choose one of {_listed(node.formats())}"
+                f"{_choice(node.formats())}"
             )
         size = round(capture.get(cv2.CAP_PROP_FRAME_WIDTH)), round(capture.get(cv2.CAP_PROP_FRAME_HEIGHT))
         if size != (wanted.width, wanted.height):
@@ -194,6 +194,12 @@ def kernel_stamp_ns(capture: Capture) -> int:
 
 def _letters(code: int) -> str:
     return code.to_bytes(4, "little").decode("latin-1") if 0 <= code < 1 << 32 else str(code)
+
+
+def _choice(formats: tuple[str, ...]) -> str:
+    """The remedy for a format that the camera does not have."""
+    known = [name for name in FORMATS if name in formats]
+    return f"choose {' or '.join(known)}" if known else f"it has {_listed(formats)}, none of which viewsep reads"
 
 
 def _listed(names: object) -> str:
