@@ -23,7 +23,7 @@ from viewsep.errors import NotConnected, RigError, Timeout
 from viewsep.interfaces import Clock
 from viewsep.messages import Array, Frame
 
-KEPT = 8
+KEPT = 16
 MEASURED = 6  # frames at the beginning that tell the real rate
 AGAIN_S = 0.25  # between two tries to open a lost camera
 ERRORS, ERROR_PAUSE_S = 10, 0.02  # in a row, after which a camera that is still there counts as lost
