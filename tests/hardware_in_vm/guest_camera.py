@@ -7,6 +7,7 @@ Seen with OpenCV 4.14 on Linux 6.1, and what the driver relies on or works aroun
 * After a pause the next four frames are those that waited in the queue; then comes one of now.
 * Stamps are of CLOCK_MONOTONIC. By default vivid stamps the end of the frame, 0.9 periods ahead of its delivery.
 * A buffer with the flag of an error is delivered as any other: `grab` is True, and OpenCV does not tell.
+* Where no buffer comes `grab` returns False after the select timeout, which is 1 s at the least.
 * After a fatal error of the stream, and when the camera is gone, `grab` returns False at once and for ever.
 """
 

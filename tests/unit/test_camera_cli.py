@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
+import signal
+import threading
 from pathlib import Path
 
 import cv2
@@ -124,3 +127,13 @@ def test_focus_shows_how_sharp_the_picture_is(shell: Shell, device: FakeCamera) 
     shown = shell("camera", "focus", *OPTIONS, "--count", 2)
     assert shown.out.count("█") > 10
     assert "the best was" in shown.err
+
+
+def test_ctrl_c_ends_it_and_gives_the_camera_back(shell: Shell, device: FakeCamera) -> None:
+    timer = threading.Timer(0.5, os.kill, (os.getpid(), signal.SIGINT))
+    timer.start()
+    shown = shell("camera", "focus", *OPTIONS)
+    timer.join()
+    assert shown.code == 130
+    assert "the best was" in shown.err
+    assert "viewsep camera device" not in [thread.name for thread in threading.enumerate()]

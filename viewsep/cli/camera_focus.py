@@ -56,8 +56,8 @@ def focus(
                 live.update(_bar(now, best), refresh=True)
             else:
                 results.print(_bar(now, best))
-    if not json:
-        people.print(f"the best was {best:.1f}", highlight=False)
+        if not json:
+            people.print(f"the best was {best:.1f}", highlight=False)
 
 
 def _bar(now: float, best: float) -> Text:
