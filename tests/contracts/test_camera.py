@@ -105,8 +105,7 @@ IMPLEMENTATIONS: dict[str, Make] = {
     "remote, stepped": remote(0.0, SimConfig(latency_s=0.1, drop_rate=0.2)),
     "remote, real time": remote(2.0),
     "v4l2": v4l2(),
-    "v4l2, lossy": v4l2(lossy=True),
-    "v4l2, not compressed": v4l2(format="YUYV"),
+    "v4l2, lossy, not compressed": v4l2(lossy=True, format="YUYV"),
 }
 
 
