@@ -1,4 +1,4 @@
-"""Real hardware: DYNAMIXEL servos on a serial bus. V4L2 cameras come here."""
+"""Real hardware: DYNAMIXEL servos on a serial bus, cameras that Linux has a driver for."""
 
 if __name__ != "viewsep.drivers":
     raise ImportError("this package is viewsep.drivers; import it by that name")

@@ -123,6 +123,26 @@ class PerceptionConfig(Section):
     limits: MaskLimits = MaskLimits()
 
 
+class V4l2Config(Section):
+    """A real camera; see docs/camera.md. `device` is best a path below /dev/v4l/by-id, which follows the camera.
+
+    What is left out stays as the camera has it. `exposure_ms` goes in steps of 0.1 ms, `white_balance_k` is in kelvin,
+    `gain` and `focus` are in the camera's own units. A camera that sends nothing for `stall_s` is opened anew.
+    """
+
+    device: str = ""
+    format: Literal["MJPG", "YUYV"] = "MJPG"
+    width_px: int = Field(default=640, ge=16, le=8192)
+    height_px: int = Field(default=480, ge=16, le=8192)
+    rate_hz: int = Field(default=30, ge=1, le=1000)
+    exposure_ms: float | None = Field(default=None, ge=0.1, le=60_000)
+    white_balance_k: int | None = Field(default=None, ge=1000, le=20_000)
+    gain: int | None = Field(default=None, ge=-(2**31), lt=2**31)
+    focus: int | None = Field(default=None, ge=-(2**31), lt=2**31)
+    stamps: Literal["kernel", "arrival"] = "kernel"
+    stall_s: float = Field(default=3.0, ge=1, le=60)
+
+
 class PluginConfig(Section):
     """A plug-in by name, with its own options."""
 
@@ -239,6 +259,7 @@ class Config(Section):
     service: ServiceConfig = ServiceConfig()
     dynamixel: DynamixelConfig = DynamixelConfig()
     recording: RecordingConfig = RecordingConfig()
+    v4l2: V4l2Config = V4l2Config()
 
 
 def load_config(path: Path) -> Config:

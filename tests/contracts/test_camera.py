@@ -10,10 +10,14 @@ from tempfile import TemporaryDirectory
 import numpy as np
 import pytest
 from camera_contract import CameraCase, CameraContract
+from fake_camera import FakeCamera
 from rig_on_zenoh import remote_rig, station
 from view_sets import ring, write_view_set
 
+from viewsep.clock import MonotonicClock
 from viewsep.config import CameraConfig, Config, SimConfig
+from viewsep.drivers.v4l2.camera import V4l2Camera
+from viewsep.drivers.v4l2.settings import V4l2Settings
 from viewsep.kinematics import preset
 from viewsep.service.hardware import SharedCamera
 from viewsep.sim.camera import SimCamera
@@ -91,6 +95,20 @@ def remote(speed: float, disturbances: SimConfig | None = None) -> Make:
     return make
 
 
+def v4l2(lossy: bool = False, format: str = "MJPG") -> Make:
+    """The driver on a camera as OpenCV and the kernel show it."""
+
+    def make(_mesh: Path, stack: ExitStack) -> CameraCase:
+        folder = Path(stack.enter_context(TemporaryDirectory()))
+        device = FakeCamera(folder, lost=(lambda number: number % 7 == 3) if lossy else (lambda number: False))
+        settings = V4l2Settings(str(device.by_id), format, 64, 48, 50)
+        camera = V4l2Camera(settings, MonotonicClock(), device.system)
+        stack.callback(camera.close)
+        return CameraCase(camera, MonotonicClock())
+
+    return make
+
+
 IMPLEMENTATIONS: dict[str, Make] = {
     "simulated": simulated(),
     "simulated, late and lossy": simulated(disturbances=Disturbances(latency_s=0.1, drop_rate=0.2)),
@@ -106,11 +124,13 @@ IMPLEMENTATIONS: dict[str, Make] = {
     "shared, real time, late and lossy": shared(2.0, Disturbances(latency_s=0.1, drop_rate=0.2)),
     "remote, stepped": remote(0.0, SimConfig(latency_s=0.1, drop_rate=0.2)),
     "remote, real time": remote(2.0),
+    "v4l2": v4l2(),
+    "v4l2, lossy, not compressed": v4l2(lossy=True, format="YUYV"),
 }
 
 
 def marked(name: str) -> pytest.ParameterSet:
-    marks = [] if name.startswith("photos") else [pytest.mark.needs_pybullet]
+    marks = [] if name.startswith(("photos", "v4l2")) else [pytest.mark.needs_pybullet]
     return pytest.param(IMPLEMENTATIONS[name], marks=marks, id=name)
 
 

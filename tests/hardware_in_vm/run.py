@@ -1,6 +1,7 @@
 """Real drivers of Linux in a virtual machine, emulated servos on this side of its USB: `make test-hardware-in-vm`.
 
 The adapter (FTDI, 0403:6001) is pulled out while a joint moves, and put back; the driver has to tell, then to go on.
+Then a machine with Linux' own test camera (vivid): what OpenCV does with it, and the camera driver when it breaks.
 What the machine says begins with `vm:`; the other steps are seen from here. Exit code 1 when a step fails; where QEMU
 or the packages cannot be had it says so and skips.
 """
@@ -23,10 +24,13 @@ from viewsep.sim.dynamixel.presets import emulated_bus
 from viewsep.sim.dynamixel.servo import EmulatedServo
 
 GUEST = Path(__file__).with_name("guest_motion.py")
+CAMERA_GUEST = Path(__file__).with_name("guest_camera.py")
 MODULES = ["xhci_pci", "ftdi_sio"]
+CAMERA_MODULES = ["vivid"]  # Linux' own test camera
 USB: Device = {"driver": "qemu-xhci", "id": "usb"}
 ADAPTER: Device = {"driver": "usb-serial", "id": "adapter", "bus": "usb.0", "chardev": "line"}
 STEP_S = 60.0
+CAMERA_S = 180.0
 WATCHDOG_S = 3.0
 TRIPPED = (-1, 0xFF)  # the register Bus Watchdog of a servo that has stopped by itself
 
@@ -43,6 +47,7 @@ def main() -> int:
         return 0
     say(f"the machine's parts are there ({time.monotonic() - begin:.1f} s)")
     run_steps(made_of)
+    run_camera(made_of)
     say(f"all steps passed in {time.monotonic() - begin:.0f} s")
     return 0
 
@@ -68,6 +73,16 @@ def run_steps(made_of: Parts) -> None:
             machine.wait_for("lost", STEP_S)
             machine.plug(ADAPTER)
             code = machine.wait_for("ended", STEP_S)
+            expect(code == "0", f"the guest's program ended with code {code}")
+
+
+def run_camera(made_of: Parts) -> None:
+    """The camera's steps are all in the machine; the first that fails ends the program."""
+    with ExitStack() as stack:
+        with step("the kernel boots with a test camera"):
+            machine = stack.enter_context(Machine(made_of, CAMERA_MODULES, [], [sys.executable, CAMERA_GUEST]))
+        with step("the camera's driver does what it should, and the guest ends well"):
+            code = machine.wait_for("ended", CAMERA_S)
             expect(code == "0", f"the guest's program ended with code {code}")
 
 

@@ -23,6 +23,7 @@ COMMANDS = {
     "recordings": "recordings:app",
     "rig": "rig:app",
     "rigs": "rigs:rigs",
+    "camera": "camera:app",
     "status": "status:status",
     "start": "start:start",
     "watch": "watch:watch",
