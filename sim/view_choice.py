@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
+
 from viewsep.errors import BadInput
 from viewsep.sim.view_set import ViewSet
 
 
 def every_kth(view_set: ViewSet, k: int) -> list[int]:
-    """Indices of every `k`-th listed view, from the first one on. Raises BadInput for `k` below 1."""
+    """Indices of every `k`-th listed view that is no trial, from the first on. Raises BadInput for `k` below 1."""
     if k < 1:
         raise BadInput(f"--every {k}: use 1 for all photos, 2 for every second one, and so on")
-    return list(range(0, len(view_set.images), k))
+    return [int(index) for index in np.flatnonzero(~view_set.trial)[::k]]
 
 
 def named_views(view_set: ViewSet, path: Path) -> list[int]:

@@ -1,7 +1,8 @@
 """View sets: a folder with photos of one object and `views.csv`, which says from where each of them was taken.
 
-Columns: `image,azimuth_deg,elevation_deg` and optionally `mask`, file names relative to the folder. Where a row names
-no mask, the object is cut out of the plain background.
+Columns: `image,azimuth_deg,elevation_deg` and optionally `mask` and `use`, file names relative to the folder. Where a
+row names no mask, the object is cut out of the plain background. `use` is `view` (the default) or `trial`: a photo
+between the views, from which is learned how looks there differ from what the views predict.
 """
 
 from __future__ import annotations
@@ -23,7 +24,8 @@ from viewsep.messages import Array, BoolArray, FloatArray
 from viewsep.sim.segmentation import segment
 
 LIST_NAME = "views.csv"
-COLUMNS = ("image", "azimuth_deg", "elevation_deg", "mask")
+COLUMNS = ("image", "azimuth_deg", "elevation_deg", "mask", "use")
+VIEW, TRIAL = "view", "trial"
 SAME_VIEW_RAD = 1e-3  # 0.06 deg: closer directions are the same view
 
 
@@ -32,8 +34,8 @@ class ViewSet:
     """N photos of one object, in the order they are listed in.
 
     `directions` (N, 3) unit vectors in the object frame, from `angles_deg` (N, 2) azimuth and elevation; `images` and
-    `masks` file names (mask empty: cut out of the background). `digest` is the sha256 (hex) over the list and the
-    contents of all files it names.
+    `masks` file names (mask empty: cut out of the background); `trial` (N,) says which photos are trials. `digest` is
+    the sha256 (hex) over the list and the contents of all files it names.
     """
 
     folder: Path
@@ -42,6 +44,7 @@ class ViewSet:
     angles_deg: FloatArray
     images: tuple[str, ...]
     masks: tuple[str, ...]
+    trial: BoolArray
     digest: str
 
     def load(self, index: int) -> tuple[Array, BoolArray]:
@@ -106,7 +109,9 @@ def read_view_set(folder: Path) -> ViewSet:
         raise BadInput(f"cannot read the list of views {path}: {error}") from error
     rows = [(number, [cell.strip() for cell in row]) for number, row in enumerate(lines, start=1) if any(row)]
     if not rows:
-        raise BadInput(f"{path}: is empty; its first line names the columns {','.join(COLUMNS)} (mask may be left out)")
+        raise BadInput(
+            f"{path}: is empty; its first line names the columns {','.join(COLUMNS)} (mask and use may be left out)"
+        )
     columns = _columns(path, rows[0][1])
     views = [_view(path, number, columns, row) for number, row in rows[1:]]
     if not views:
@@ -122,6 +127,7 @@ def read_view_set(folder: Path) -> ViewSet:
         angles_deg=angles_deg,
         images=tuple(view.image for view in views),
         masks=tuple(view.mask for view in views),
+        trial=np.array([view.use == TRIAL for view in views]),
         digest=_digest(path, data, numbers, views),
     )
 
@@ -133,6 +139,7 @@ class _View:
     image: str
     angles_deg: tuple[float, float]
     mask: str
+    use: str
 
 
 def _columns(path: Path, names: Sequence[str]) -> list[str]:
@@ -141,7 +148,7 @@ def _columns(path: Path, names: Sequence[str]) -> list[str]:
         if name not in names:
             raise BadInput(
                 f"{path}, line 1: column {name!r} is missing; the first line names the columns {','.join(COLUMNS)} "
-                "(mask may be left out)"
+                "(mask and use may be left out)"
             )
     for name in names:
         if name not in COLUMNS or list(names).count(name) > 1:
@@ -164,7 +171,10 @@ def _view(path: Path, number: int, columns: Sequence[str], row: Sequence[str]) -
             f"{where}: elevation_deg = {cells['elevation_deg']} is outside [-90, 90]; it counts from the turntable's "
             "plane upwards"
         )
-    return _View(_file(where, path, cells["image"]), angles, _file(where, path, cells.get("mask", "")))
+    use = cells.get("use", "") or VIEW
+    if use not in (VIEW, TRIAL):
+        raise BadInput(f"{where}: use = {use!r} is neither {VIEW!r} nor {TRIAL!r}; leave it empty for a view")
+    return _View(_file(where, path, cells["image"]), angles, _file(where, path, cells.get("mask", "")), use)
 
 
 def _angle(where: str, column: str, cell: str) -> float:

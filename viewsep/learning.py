@@ -68,7 +68,8 @@ def learn_view_set(
 ) -> AspectGraph:
     """The aspect graph of an object from photos: every `every`-th of them, those named in the file `nodes`, or all.
 
-    Raises BadInput, also when the chosen views are too few or too scattered for any two to be neighbours.
+    Photos that the list calls trials are trials between the views. Raises BadInput, also when the chosen views are too
+    few or too scattered for any two to be neighbours.
     """
     view_set = read_view_set(folder)
     chosen = named_views(view_set, nodes) if nodes else every_kth(view_set, 1 if every is None else every)
@@ -81,6 +82,12 @@ def learn_view_set(
     provenance = Provenance(str(view_set.folder), view_set.digest, f"viewsep {__version__}")
     directions = view_set.directions[chosen]
     trials = trials_of(directions, pictures, make_descriptor(config.descriptor), between=False)
+    tried = [int(index) for index in np.flatnonzero(view_set.trial) if index not in chosen]
+    tried = tried[: len(tried) // 2 * 2]  # an even number, as of renders
+    if tried:
+        between = [view_set.picture(index, config.camera.size_px) for index in tried]
+        real = trials_of(view_set.directions[tried], between, make_descriptor(config.descriptor))
+        trials = real.joined(trials)
     model = _model(name, directions, pictures, config, provenance, trials)
     if len(model.edges) == 0:
         raise BadInput(

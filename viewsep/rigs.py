@@ -162,8 +162,8 @@ def photo_rig(
 
 
 def held_out(view_set: ViewSet, models: Sequence[AspectGraph]) -> list[int]:
-    """Indices of the photos whose directions are no nodes of any model that was learned from this view set."""
-    free = np.ones(len(view_set.images), bool)
+    """Indices of the photos that are no trials, and no nodes of any model that was learned from this view set."""
+    free = ~view_set.trial
     for model in models:
         if model.provenance.source_digest == view_set.digest:
             free &= nearest_points(model.directions, view_set.directions)[0] > SAME_VIEW_RAD

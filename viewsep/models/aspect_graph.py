@@ -33,6 +33,14 @@ class Trials:
     features: Array
     disturbed: BoolArray
 
+    def joined(self, others: Trials) -> Trials:
+        """These and then others."""
+        return Trials(
+            np.concatenate([self.directions, others.directions]),
+            np.concatenate([self.features, others.features]),
+            np.concatenate([self.disturbed, others.disturbed]),
+        )
+
 
 @dataclass(frozen=True, eq=False, slots=True)
 class AspectGraph:

@@ -1,0 +1,83 @@
+"""Driving the rig from shot to shot and keeping what it sees there."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from viewsep.capture.folder import CaptureFolder
+from viewsep.capture.plan import Shot
+from viewsep.capture.quality import photo_quality
+from viewsep.errors import RigError, Timeout
+from viewsep.interfaces import Perception
+from viewsep.messages import JointState
+from viewsep.moves import move_and_wait
+from viewsep.session import SETTLED_RAD, Rig
+
+SETTLE_S = 0.2  # after the joints have come to rest: what they hold swings on
+FRAME_TIMEOUT_S = 2.0
+ATTEMPTS = 3
+PREVIEW_EVERY = 10
+FEWEST_TRIED, WORST_SHARE = 6, 0.5  # when so many shots in so large a part failed, something is wrong with all
+
+
+@dataclass(frozen=True, slots=True)
+class Skipped:
+    """A shot without a usable photo, and why."""
+
+    number: int
+    problem: str
+
+
+def take_photos(
+    rig: Rig,
+    perception: Perception,
+    shots: Sequence[Shot],
+    folder: CaptureFolder,
+    tick: Callable[[str], None] = lambda problem: None,
+    watch: Callable[[JointState], None] = lambda state: None,
+) -> list[Skipped]:
+    """Take the photos that are not there yet. What could not be used after some attempts is skipped and told.
+
+    `tick` hears of every shot, with what was wrong with it; `watch` hears every read-back and stops all by raising.
+    Raises RigError, also when most shots fail.
+    """
+    skipped: list[Skipped] = []
+    wanted = [shot for shot in shots if shot.number not in folder.done]
+    for tried, shot in enumerate(wanted, start=1):
+        problem = _take(rig, perception, shot, folder, watch)
+        if problem:
+            skipped.append(Skipped(shot.number, problem))
+        if tried >= FEWEST_TRIED and len(skipped) > WORST_SHARE * tried:
+            raise RigError(f"{len(skipped)} of {tried} photos could not be used, the last one: {problem}")
+        if len(folder.photos) % PREVIEW_EVERY == 1:
+            folder.preview()
+        tick(problem)
+    return skipped
+
+
+def _take(
+    rig: Rig, perception: Perception, shot: Shot, folder: CaptureFolder, watch: Callable[[JointState], None]
+) -> str:
+    """Drive to a shot and photograph it; what is wrong with the last attempt, or nothing."""
+    near = rig.motion.read_state().position_rad
+    goal = rig.geometry.joints_for(shot.direction, near)
+    _, rested = move_and_wait(rig.motion, rig.clock, goal, watch, SETTLED_RAD)
+    rig.clock.sleep_until(rested.stamp_ns + round(SETTLE_S * 1e9))
+    newer_than_ns, problem = rig.clock.now_ns(), ""
+    for _ in range(ATTEMPTS):
+        try:
+            look = perception.look(newer_than_ns, FRAME_TIMEOUT_S)
+        except Timeout as error:
+            problem = str(error)
+            continue
+        newer_than_ns = look.stamp_ns
+        if look.percept is None or look.frame is None or look.frame.mask is None:
+            problem = look.problem or "there is no mask of the object"
+            continue
+        quality = photo_quality(look.frame.image, look.frame.mask)
+        problem = quality.problem([photo.quality.sharpness for photo in folder.photos])
+        if not problem:
+            folder.add(shot, look.percept.view_direction, look.frame, quality)
+            return ""
+    return problem
