@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from viewsep.calibration.compensation import compensated
 from viewsep.capture.lesson import Lesson, learn_from_placements, photograph, shots_of
 from viewsep.cli.console import people, print_json, progress_bar, results
 from viewsep.cli.rig_interrupt import interrupt_noted, unless
 from viewsep.config import Config
 from viewsep.models import library
 from viewsep.perception import RigPerception
+from viewsep.perception.setup import finder_of
 from viewsep.plugins import make_descriptor
 from viewsep.rigs import simulated_rig
 
@@ -17,7 +19,8 @@ from viewsep.rigs import simulated_rig
 def learn_on_rig(lesson: Lesson, config: Config, output: Path, holding: str, seed: int, json: bool) -> None:
     """Photograph the object, learn its model, and say what was done."""
     held = simulated_rig(config, holding, seed + lesson.placement)
-    perception = RigPerception(held.rig, make_descriptor(config.descriptor))
+    rig = compensated(held.rig, config)
+    perception = RigPerception(rig, make_descriptor(config.descriptor), finder_of(config))
     with interrupt_noted() as ended:
         with progress_bar() as bar:
             shots = shots_of(lesson, held.rig)
