@@ -31,6 +31,7 @@ SAMPLED, SAMPLES, FEWEST_SAMPLES = 5, 40, 8  # candidates, and rotations of all 
 PROMOTED = 8  # parked candidates that are taken up again in one step at most
 DOUBT = 0.05  # least weight of a plausible candidate's samples
 REFINED_BELOW_RAD = np.radians(15.0)  # of spread: else there is more than one way to hold it
+NO_BETTER = 3.0  # logarithms of probabilities: about as likely as none of them
 CLOSE = 60.0  # logarithms of probabilities: nearer candidates are compared with the first one look by look
 ALIKE_RAD = np.radians(8.0)  # between the poses of two models that err alike
 PLACE_RAD = np.radians(12.0)  # around a view that must not decide alone who it is
@@ -304,14 +305,19 @@ class FilterInterpreter:
     ) -> FloatArray:
         """(K + 1,) probabilities of all candidates and none of them, given that models err between their views.
 
-        They do not where both have their views in the same places and are held alike: there the errors cancel.
+        They do not where both have their views in the same places and are held alike: there the errors cancel. And a
+        candidate that explains the looks no better than none of them does is no look-alike whose views could err.
         """
         log, leader = state.posterior.log_shares(), posed[0]
+        gained = state.gains.sum(axis=0, dtype=np.float64)
+        with np.errstate(divide="ignore"):
+            no_better = gained[leader] - gained[-1] + np.log(state.prior[leader]) - np.log(state.prior[-1]) - NO_BETTER
         layout = self.predictions.layout
         alike = np.append(layout == layout[leader], True)  # none of them has no views that could err
         for k in posed:
             alike[k] &= float(rotation_angle(rotations[k], rotations[leader])) < ALIKE_RAD
         evidence = log[leader] - log
+        alike |= evidence > no_better
         error2 = np.where(alike, 0.0, 2.0 * self.predictions.log_error2 * state.shares.sum())
         for k in posed[1:]:
             if not alike[k] and evidence[k] < CLOSE and max(variance[k], variance[leader]) < REFINED_BELOW_RAD**2:

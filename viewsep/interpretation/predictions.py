@@ -167,7 +167,7 @@ class Predictions:
 
     def _log_error2(self, measured: Sequence[_Measured]) -> float:
         """The variance within clean and within disturbed looks."""
-        log = np.concatenate([self._mixed(one.worst2, 0.5) for one in measured])
+        log = np.concatenate([self._mixed(one.distance2, 0.5) for one in measured])
         level = np.concatenate([one.level for one in measured])
         means = np.array([log[level == kind].mean() if (level == kind).any() else 0.0 for kind in (CALM, DISTURBED)])
         return float(((log - means[level]) ** 2).mean())
