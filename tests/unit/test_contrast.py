@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from painted import (
@@ -94,6 +96,19 @@ def test_twins_with_views_in_other_places_are_not_named_before_the_side_was_seen
     for percept in seen(towards(1, 14) @ turned.T, turned, 1, twin, noise=0.05, seed=seed):
         state, belief = machine.update(state, percept)
     assert belief.leader == seed % 2
+
+
+def test_what_was_known_before_the_pose_was_lost_counts_besides_the_looks() -> None:
+    machine = interpreter(elsewhere("a", 1), model("b", 1, TWIN, noise=0.05, disturbed=0.05), options=CLOSED)
+    state = machine.start()
+    *percepts, last = seen(towards(-1, 12) @ held(2).T, held(2), 1, noise=0.05)
+    for percept in percepts:
+        state, _ = machine.update(state, percept)
+    found = []
+    for known in (0.1, 0.5, 0.9):
+        _, belief = machine.update(replace(state, prior=np.array([known, 1.0 - known, 0.0])), last)
+        found.append(belief.estimate.candidates[0].probability or 0.0)
+    assert found[0] + 0.05 < found[1] < found[2] - 0.05
 
 
 def test_different_objects_with_views_in_other_places_are_named_after_some_looks() -> None:

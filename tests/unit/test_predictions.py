@@ -192,8 +192,8 @@ def test_the_fit_is_one_for_a_view_itself_and_falls_with_the_difference() -> Non
 def test_the_most_similar_view_is_rated_as_the_likelihood_rates_it() -> None:
     predictions = predictions_of((model("a", 1), model("b", 2)))
     for node in (3, 60):
-        likelihood = predictions.best_log_likelihood(predictions.nearest2(predictions.views[node]), 0.5)
-        same = predictions.best_log_likelihood(predictions.nearest2(predictions.views[100 + node]), 0.5)
+        likelihood = predictions.log_of_distance2(predictions.nearest2(predictions.views[node]), 0.5)
+        same = predictions.log_of_distance2(predictions.nearest2(predictions.views[100 + node]), 0.5)
         assert likelihood[0] > likelihood[1]
         assert same[1] > same[0]
         assert likelihood[0] == pytest.approx(same[1], rel=1e-3)  # nothing is off, at either

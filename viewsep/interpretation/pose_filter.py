@@ -43,13 +43,13 @@ CALM_BOUNDS = (0.02, 0.98)  # of the probability that looks are clean: the light
 class FilterOptions:
     """Settings of the pose filter.
 
-    `rotations` is the size of the grid; `independent_after_deg` how far the view must turn until a percept counts as
-    evidence of its own; `confidence` the probability at which a candidate is named, if it keeps that of `corroborated`
-    without the looks from any one place; `unknown_prior` that of an object that is no candidate; `floor` how far below
-    the best a rotation's log-probability may fall, so that a slip can be recovered from; a pose is known when its
-    spread is below `pose_within_deg`; `motion_noise_deg` how far the object may turn in its holder, or the rig be
-    wrong, between two independent looks; `followed` how many candidates' rotations are followed at once; `slips` how
-    often a pose may be lost and searched anew.
+    `rotations` is the size of the grid; `independent_after_deg` how far apart on a path looks count as about one each;
+    `confidence` the probability at which a candidate is named, if it keeps that of `corroborated` without the looks
+    from any one place; `unknown_prior` that of an object that is no candidate; `floor` how far below its candidate's
+    best a rotation's log-probability may fall, so that a slip can be recovered from; a pose is known when its spread is
+    below `pose_within_deg`; `motion_noise_deg` how far the object may turn in its holder, or the rig be wrong, between
+    two independent looks; `followed` how many candidates' rotations are followed at once; `slips` how often a pose may
+    be lost and searched anew.
     """
 
     rotations: Annotated[int, Field(ge=1000, le=200_000)] = 12_000
@@ -168,7 +168,7 @@ class FilterInterpreter:
         self, posterior: Posterior, look: Array, view: FloatArray, share: float, calm: float, nearest2: Array
     ) -> Posterior:
         likelihood = np.float32(share) * self.predictions.log_likelihood(look, posterior.active, calm)
-        best = share * self.predictions.best_log_likelihood(nearest2, calm).astype(np.float64)
+        best = share * self.predictions.log_of_distance2(nearest2, calm).astype(np.float64)
         none = share * self.predictions.log_of_others
         return posterior.times(likelihood, self.grid.cells(view), best, none)
 
@@ -322,7 +322,8 @@ class FilterInterpreter:
         for k in posed[1:]:
             if not alike[k] and evidence[k] < CLOSE and max(variance[k], variance[leader]) < REFINED_BELOW_RAD**2:
                 cells, others = (cell_of(*(state.views @ rotations[who]).T) for who in (leader, k))
-                evidence[k], error2[k] = contrast(self.predictions, state.looks, state.shares, leader, cells, k, others)
+                told, error2[k] = contrast(self.predictions, state.looks, state.shares, leader, cells, k, others)
+                evidence[k] = told + np.log(state.prior[leader] / state.prior[k])
         return np.asarray(softmax(-moderated(evidence, error2)))
 
     def _sure(self, state: FilterState, who: int, probability: FloatArray, none: float) -> bool:

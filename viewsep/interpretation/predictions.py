@@ -97,12 +97,8 @@ class Predictions:
         `calm` is the probability that looks are as clean as the models' views. Where a model has no view close enough,
         the look is as likely as one at any object.
         """
-        seen = self._mixed(self.distance2(look, candidates), calm)
+        seen = self.log_of_distance2(self.distance2(look, candidates), calm)
         return np.where(self._covered[candidates], seen, np.float32(self.log_of_others))
-
-    def best_log_likelihood(self, nearest2: Array, calm: float) -> Array:
-        """(K,) squared distances to the most similar mixture of two neighbouring views -> (K,) float32."""
-        return self._mixed(nearest2, calm)
 
     def fit(self, nearest2: Array) -> Array:
         """(K,) squared distances to the most similar mixture of views -> (K,) how well it fits: 1 exactly, 0 not."""
@@ -138,14 +134,15 @@ class Predictions:
         shown = self.prediction(candidate, distinct)
         distance2 = (looks * looks).sum(axis=1)[:, None] - 2.0 * looks @ shown.T + (shown * shown).sum(axis=1)
         at = np.take_along_axis(distance2, place.reshape(cells.shape).T, axis=1).T
-        return self._mixed(np.maximum(at, 0.0), 0.5).astype(np.float64)
+        return self.log_of_distance2(np.maximum(at, 0.0), 0.5).astype(np.float64)
 
     def known(self, candidate: int, cells: Array) -> Array:
         """(...) cells -> (...) bool: whether the candidate has views there."""
         covered: Array = self._covered[candidate, cells]
         return covered
 
-    def _mixed(self, distance2: Array, calm: float) -> Array:
+    def log_of_distance2(self, distance2: Array, calm: float) -> Array:
+        """(...) squared distances -> (...) tempered log-likelihoods; `calm` is the probability of a clean look."""
         logs = [
             np.float32(np.log(max(share, 1e-12))) + law.log(distance2)
             for law, share in zip(self.laws, (calm, 1.0 - calm), strict=True)
@@ -161,13 +158,13 @@ class Predictions:
 
     def _log_of_strange(self, measured: Sequence[_Measured]) -> float:
         """The tempered log-likelihood that the strangest of clean looks, or of disturbed ones if less, do not reach."""
-        log = np.concatenate([self._mixed(one.worst2, 0.5) for one in measured])
+        log = np.concatenate([self.log_of_distance2(one.worst2, 0.5) for one in measured])
         level = np.concatenate([one.level for one in measured])
         return min(float(np.quantile(log[level == kind], STRANGE)) for kind in np.unique(level))
 
     def _log_error2(self, measured: Sequence[_Measured]) -> float:
         """The variance within clean and within disturbed looks."""
-        log = np.concatenate([self._mixed(one.distance2, 0.5) for one in measured])
+        log = np.concatenate([self.log_of_distance2(one.distance2, 0.5) for one in measured])
         level = np.concatenate([one.level for one in measured])
         means = np.array([log[level == kind].mean() if (level == kind).any() else 0.0 for kind in (CALM, DISTURBED)])
         return float(((log - means[level]) ** 2).mean())
