@@ -10,8 +10,9 @@ from __future__ import annotations
 import csv
 import hashlib
 import io
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from enum import StrEnum
 from pathlib import Path, PurePosixPath
 
 import cv2
@@ -19,14 +20,20 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from viewsep.errors import BadInput
-from viewsep.geometry import spherical_direction
+from viewsep.geometry import azimuth_elevation, spherical_direction
 from viewsep.messages import Array, BoolArray, FloatArray
 from viewsep.sim.segmentation import segment
 
 LIST_NAME = "views.csv"
 COLUMNS = ("image", "azimuth_deg", "elevation_deg", "mask", "use")
-VIEW, TRIAL = "view", "trial"
 SAME_VIEW_RAD = 1e-3  # 0.06 deg: closer directions are the same view
+
+
+class Use(StrEnum):
+    """What a photo is for: a view of the model, or a trial between the views, which the likelihood is learned from."""
+
+    VIEW = "view"
+    TRIAL = "trial"
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -83,6 +90,17 @@ class ViewSet:
         return _squared(image, mask)
 
 
+def view_list(rows: Iterable[tuple[str, FloatArray, str, Use]]) -> bytes:
+    """The list of photos: image, direction (3,), mask (or empty) and use of each."""
+    table = io.StringIO(newline="")
+    writer = csv.writer(table, lineterminator="\n")
+    writer.writerow(COLUMNS)
+    for image, direction, mask, use in rows:
+        azimuth_deg, elevation_deg = np.degrees(azimuth_elevation(direction)).tolist()
+        writer.writerow((image, f"{azimuth_deg:.4f}", f"{elevation_deg:.4f}", mask, use.value))
+    return table.getvalue().encode()
+
+
 def is_view_set(source: Path) -> bool:
     """Whether `source` is a folder with a list of views. Raises BadInput where it holds a mesh too."""
     if not (source / LIST_NAME).is_file():
@@ -127,7 +145,7 @@ def read_view_set(folder: Path) -> ViewSet:
         angles_deg=angles_deg,
         images=tuple(view.image for view in views),
         masks=tuple(view.mask for view in views),
-        trial=np.array([view.use == TRIAL for view in views]),
+        trial=np.array([view.use is Use.TRIAL for view in views]),
         digest=_digest(path, data, numbers, views),
     )
 
@@ -139,7 +157,7 @@ class _View:
     image: str
     angles_deg: tuple[float, float]
     mask: str
-    use: str
+    use: Use
 
 
 def _columns(path: Path, names: Sequence[str]) -> list[str]:
@@ -171,10 +189,10 @@ def _view(path: Path, number: int, columns: Sequence[str], row: Sequence[str]) -
             f"{where}: elevation_deg = {cells['elevation_deg']} is outside [-90, 90]; it counts from the turntable's "
             "plane upwards"
         )
-    use = cells.get("use", "") or VIEW
-    if use not in (VIEW, TRIAL):
-        raise BadInput(f"{where}: use = {use!r} is neither {VIEW!r} nor {TRIAL!r}; leave it empty for a view")
-    return _View(_file(where, path, cells["image"]), angles, _file(where, path, cells.get("mask", "")), use)
+    use = cells.get("use", "") or Use.VIEW
+    if use not in list(Use):
+        raise BadInput(f"{where}: use = {use!r} is none of {', '.join(Use)}; leave it empty for a view")
+    return _View(_file(where, path, cells["image"]), angles, _file(where, path, cells.get("mask", "")), Use(use))
 
 
 def _angle(where: str, column: str, cell: str) -> float:

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
-from enum import StrEnum
 
+from viewsep.drivers.checks import Check, Verdict, check
 from viewsep.drivers.dynamixel.alerts import in_words
 from viewsep.drivers.dynamixel.bus import Bus, Found
 from viewsep.drivers.dynamixel.control_table import control_table, x_series
@@ -27,29 +26,6 @@ OPERATING_V = (  # the e-manual's input voltages; models that are not here are c
     (("XM", "XH430-W", "XH540-W"), 10.0, 14.8),
 )
 SLACK_V = 0.3  # of supplies and of the servos' own measurement
-
-
-class Verdict(StrEnum):
-    """Of one check; what could be better does not fail."""
-
-    GOOD = "pass"
-    BETTER = "could be better"
-    BAD = "fail"
-
-
-@dataclass(frozen=True, slots=True)
-class Check:
-    """One thing that was looked at: what was found, and the remedy where it is not good."""
-
-    name: str
-    verdict: Verdict
-    found: str
-    remedy: str = ""
-
-
-def check(name: str, good: bool, found: str, remedy: str, otherwise: Verdict = Verdict.BAD) -> Check:
-    """A check that is good or not; the remedy is told where it is not."""
-    return Check(name, Verdict.GOOD, found) if good else Check(name, otherwise, found, remedy)
 
 
 def servo_checks(bus: Bus, found: Found, wanted: ServoSettings | None, configured: bool, fix: bool) -> Iterator[Check]:

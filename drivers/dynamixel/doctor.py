@@ -7,8 +7,9 @@ from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
 
+from viewsep.drivers.checks import Check, Verdict, check
 from viewsep.drivers.dynamixel.bus import Bus, Found
-from viewsep.drivers.dynamixel.checks import Check, Verdict, check, servo_checks
+from viewsep.drivers.dynamixel.checks import servo_checks
 from viewsep.drivers.dynamixel.control_table import control_table, x_series
 from viewsep.drivers.dynamixel.errors import NoReply, PortLost
 from viewsep.drivers.dynamixel.port import latency_file, usb_latency_s

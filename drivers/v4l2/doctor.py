@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from viewsep.drivers.dynamixel.checks import Check, Verdict, check
+from viewsep.drivers.checks import Check, Verdict, check
 from viewsep.drivers.v4l2.errors import SettingRefused
 from viewsep.drivers.v4l2.exposures import Exposures
 from viewsep.drivers.v4l2.listing import holders, stable_name

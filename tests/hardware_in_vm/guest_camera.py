@@ -26,7 +26,7 @@ import numpy as np
 from steps import expect, step, wait_until
 
 from viewsep.clock import MonotonicClock
-from viewsep.drivers.dynamixel.checks import Verdict
+from viewsep.drivers.checks import Verdict
 from viewsep.drivers.v4l2.camera import V4l2Camera
 from viewsep.drivers.v4l2.doctor import examine
 from viewsep.drivers.v4l2.errors import CameraLost, SettingRefused

@@ -13,7 +13,6 @@ from shell import Shell
 from viewsep.capture.folder import STATE_NAME, CaptureFolder
 from viewsep.capture.lesson import Lesson, learn_from_placements, photograph, shots_of
 from viewsep.capture.placements import registered
-from viewsep.capture.plan import Use
 from viewsep.capture.quality import ENOUGH, photo_quality
 from viewsep.capture.run import FEWEST_TRIED, take_photos
 from viewsep.config import Config, parse_config
@@ -26,7 +25,7 @@ from viewsep.models.library import load_library
 from viewsep.perception import RigPerception
 from viewsep.plugins import make_descriptor
 from viewsep.rigs import SimulatedRig, simulated_rig
-from viewsep.sim.view_set import read_view_set
+from viewsep.sim.view_set import Use, read_view_set
 
 pytestmark = pytest.mark.needs_pybullet
 PLAN = {"name": "tea", "rig": "turntable"}

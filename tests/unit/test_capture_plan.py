@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from viewsep.capture.plan import Use, plan_shots
+from viewsep.capture.plan import plan_shots
 from viewsep.geometry import angle_between
 from viewsep.kinematics import preset
 from viewsep.planning.reachable import ReachableViews
+from viewsep.sim.view_set import Use
 
 
 @pytest.mark.parametrize("rig", ["turntable", "pan_tilt", "wrist", "gimbal"])

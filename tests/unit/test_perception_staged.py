@@ -16,7 +16,7 @@ from viewsep.kinematics import preset
 from viewsep.messages import Frame
 from viewsep.perception import RigPerception, perceive
 from viewsep.perception.background import Background, BackgroundModel, learn_background
-from viewsep.perception.capture import captured
+from viewsep.perception.empty_rig import captured
 from viewsep.perception.figure_ground import Segmenter
 from viewsep.perception.finder import ObjectFinder
 from viewsep.plugins import make_descriptor

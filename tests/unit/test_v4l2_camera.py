@@ -12,7 +12,7 @@ import pytest
 from fake_camera import GAIN, FakeCamera
 
 from viewsep.clock import MonotonicClock
-from viewsep.drivers.dynamixel.checks import Verdict
+from viewsep.drivers.checks import Verdict
 from viewsep.drivers.v4l2 import camera as driver
 from viewsep.drivers.v4l2.camera import V4l2Camera
 from viewsep.drivers.v4l2.doctor import examine

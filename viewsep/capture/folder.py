@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -16,23 +14,20 @@ from viewsep.capture.plan import Shot
 from viewsep.capture.quality import PhotoQuality
 from viewsep.errors import BadInput
 from viewsep.files import write_whole
-from viewsep.geometry import azimuth_elevation
 from viewsep.messages import Array, BoolArray, FloatArray, Frame
-from viewsep.sim.view_set import LIST_NAME
+from viewsep.sim.view_set import LIST_NAME, Use, view_list
 
 STATE_NAME, PREVIEW_NAME = "capture.json", "preview.jpg"
-COLUMNS = ("image", "azimuth_deg", "elevation_deg", "mask", "use")
 TILE_PX, TILES = 96, 12  # of the preview, and how many in a row
 
 
 @dataclass(frozen=True, slots=True)
 class Photo:
-    """A photo that was taken for the shot `number`; angles are those of the camera in the control frame."""
+    """A photo that was taken for the shot `number`, seen from `direction` (3,) in the control frame."""
 
     number: int
     use: str
-    azimuth_deg: float
-    elevation_deg: float
+    direction: tuple[float, ...]
     quality: PhotoQuality
     image: str
     mask: str
@@ -69,21 +64,17 @@ class CaptureFolder:
         name = f"{shot.number:04}.png"
         _write_picture(self.path / "images" / name, cv2.cvtColor(frame.image, cv2.COLOR_RGB2BGR))
         _write_picture(self.path / "masks" / name, frame.mask.astype(np.uint8) * 255)
-        azimuth, elevation = np.degrees(azimuth_elevation(direction)).tolist()
-        self.photos.append(
-            Photo(shot.number, shot.use.value, azimuth, elevation, quality, f"images/{name}", f"masks/{name}")
-        )
+        seen_from = tuple(direction.tolist())
+        self.photos.append(Photo(shot.number, shot.use.value, seen_from, quality, f"images/{name}", f"masks/{name}"))
         self._keep()
 
     def finish(self) -> None:
         """Write the list of views and the preview."""
-        table = io.StringIO(newline="")
         rows = [
-            (photo.image, f"{photo.azimuth_deg:.4f}", f"{photo.elevation_deg:.4f}", photo.mask, photo.use)
+            (photo.image, np.array(photo.direction), photo.mask, Use(photo.use))
             for photo in sorted(self.photos, key=lambda photo: photo.number)
         ]
-        csv.writer(table, lineterminator="\n").writerows([COLUMNS, *rows])
-        write_whole(self.path / LIST_NAME, table.getvalue().encode(), "list of views")
+        write_whole(self.path / LIST_NAME, view_list(rows), "list of views")
         self.preview()
 
     def preview(self) -> None:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,16 +9,14 @@ from pathlib import Path
 
 import numpy as np
 
-from viewsep.capture.folder import COLUMNS
 from viewsep.config import Config
 from viewsep.errors import BadInput
-from viewsep.files import write_whole
-from viewsep.geometry import azimuth_elevation, spacing_of
+from viewsep.geometry import spacing_of
 from viewsep.interpretation.pose_filter import FilterInterpreter
 from viewsep.messages import BoolArray, FloatArray, Percept
 from viewsep.models.aspect_graph import AspectGraph
 from viewsep.plugins import make_descriptor
-from viewsep.sim.view_set import LIST_NAME, TRIAL, VIEW, ViewSet
+from viewsep.sim.view_set import LIST_NAME, Use, ViewSet, view_list
 
 SURE = 0.9  # probability that it is the same object
 WITHIN_RAD = np.radians(8.0)  # spread of the pose
@@ -76,19 +72,16 @@ def merged(placements: Sequence[Placement], out: Path) -> None:
         shutil.rmtree(partial, ignore_errors=True)
         for part in ("images", "masks"):
             (partial / part).mkdir(parents=True)
-        rows = _rows(placements, partial)
-        table = io.StringIO(newline="")
-        csv.writer(table, lineterminator="\n").writerows([COLUMNS, *rows])
-        write_whole(partial / LIST_NAME, table.getvalue().encode(), "list of views")
+        (partial / LIST_NAME).write_bytes(view_list(_rows(placements, partial)))
         shutil.rmtree(out, ignore_errors=True)
         partial.replace(out)
     except OSError as error:
         raise BadInput(f"cannot write the merged photos {out}: {error.strerror}; choose another place") from error
 
 
-def _rows(placements: Sequence[Placement], folder: Path) -> list[tuple[str, str, str, str, str]]:
+def _rows(placements: Sequence[Placement], folder: Path) -> list[tuple[str, FloatArray, str, Use]]:
     """Copy the files that are kept; their lines of the list."""
-    rows: list[tuple[str, str, str, str, str]] = []
+    rows: list[tuple[str, FloatArray, str, Use]] = []
     photos = views = np.empty((0, 3))
     for number, placement in enumerate(placements, start=1):
         view_set, directions = placement.view_set, placement.directions
@@ -104,9 +97,7 @@ def _rows(placements: Sequence[Placement], folder: Path) -> list[tuple[str, str,
             for name, copy in zip((image, mask), copies, strict=True):
                 if name:
                     shutil.copyfile(view_set.folder / name, folder / copy)
-            azimuth, elevation = np.degrees(azimuth_elevation(directions[index])).tolist()
-            use = VIEW if view[index] else TRIAL
-            rows.append((copies[0], f"{azimuth:.4f}", f"{elevation:.4f}", copies[1], use))
+            rows.append((copies[0], directions[index], copies[1], Use.VIEW if view[index] else Use.TRIAL))
         photos, views = np.concatenate([photos, directions[new]]), np.concatenate([views, directions[view]])
     return rows
 

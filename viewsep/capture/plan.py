@@ -3,22 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import StrEnum
 
 import numpy as np
 
 from viewsep.geometry import angle_between
 from viewsep.messages import Array, FloatArray
 from viewsep.planning.reachable import ReachableViews
+from viewsep.sim.view_set import Use
 
 COVERED = 0.6  # of the spacing: no reachable view is further from a photographed one
-
-
-class Use(StrEnum):
-    """What a photo is for: a view of the model, or a trial between the views, which the likelihood is learned from."""
-
-    VIEW = "view"
-    TRIAL = "trial"
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -50,7 +50,7 @@ def take_photos(
             skipped.append(Skipped(shot.number, problem))
         if tried >= FEWEST_TRIED and len(skipped) > WORST_SHARE * tried:
             raise RigError(f"{len(skipped)} of {tried} photos could not be used, the last one: {problem}")
-        if len(folder.photos) % PREVIEW_EVERY == 1:
+        if tried % PREVIEW_EVERY == 0:
             folder.preview()
         tick(problem)
     return skipped

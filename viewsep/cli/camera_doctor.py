@@ -10,7 +10,7 @@ from viewsep.cli.camera_options import ConfigFile, Device, OptionalFormat, Rate,
 from viewsep.cli.console import people, print_json, results
 from viewsep.cli.service_options import Json
 from viewsep.clock import MonotonicClock
-from viewsep.drivers.dynamixel.checks import Check, Verdict
+from viewsep.drivers.checks import Check, Verdict
 from viewsep.drivers.v4l2.doctor import examine
 from viewsep.drivers.v4l2.system import THIS_MACHINE
 

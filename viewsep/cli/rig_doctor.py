@@ -12,8 +12,8 @@ from rich.text import Text
 from viewsep.cli.console import print_json, results
 from viewsep.cli.service_options import Json
 from viewsep.config import load_config
+from viewsep.drivers.checks import Check, Verdict
 from viewsep.drivers.dynamixel.bus import BAUDS, Bus
-from viewsep.drivers.dynamixel.checks import Check, Verdict
 from viewsep.drivers.dynamixel.doctor import examine
 from viewsep.drivers.dynamixel.settings import ServoSettings
 from viewsep.errors import BadInput

@@ -11,8 +11,8 @@ import numpy as np
 
 from viewsep.errors import BadInput
 from viewsep.messages import Array, BoolArray, FloatArray
+from viewsep.perception.angles import Angles
 from viewsep.perception.boxes import Box, around
-from viewsep.perception.captures import Angles
 from viewsep.perception.ground import Difference
 from viewsep.perception.light import gains, places, samples, scaled
 from viewsep.perception.shadow import soft_shadow

@@ -10,8 +10,8 @@ import numpy as np
 
 from viewsep.errors import BadInput
 from viewsep.messages import Array, BoolArray
+from viewsep.perception.angles import Angles
 from viewsep.perception.boxes import whole
-from viewsep.perception.captures import Angles
 from viewsep.perception.ground import Ground
 
 MARGIN = np.ones((5, 5), np.uint8)  # around the holder, for between the captures and for the camera's shaking

@@ -13,9 +13,9 @@ import numpy as np
 from viewsep.errors import BadInput
 from viewsep.files import write_whole
 from viewsep.messages import Array
+from viewsep.perception.angles import Angles
 from viewsep.perception.background import BackgroundModel
 from viewsep.perception.boxes import Box
-from viewsep.perception.captures import Angles
 from viewsep.perception.holder import Holder, still_holder
 
 VERSION = 1
