@@ -6,7 +6,6 @@ It knows nothing of viewsep, so that what it says cannot change together with th
 from __future__ import annotations
 
 import json
-import socket
 import struct
 import threading
 import time
@@ -15,6 +14,7 @@ from contextlib import contextmanager
 from typing import Any
 
 import zenoh
+from ports import free_port
 
 PATIENCE_S = 10.0
 Table = dict[str, Any]
@@ -259,13 +259,6 @@ def later(what: Callable[[], Any]) -> threading.Thread:
     thread = threading.Thread(target=what)
     thread.start()
     return thread
-
-
-def free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port: int = probe.getsockname()[1]
-        return port
 
 
 def _peer(port: int, connect: str) -> zenoh.Session:

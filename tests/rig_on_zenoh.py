@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import json
-import socket
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 import zenoh
+from ports import free_port
 
 from viewsep.config import Config
 from viewsep.rigs import SimulatedRig, simulated_rig
@@ -23,9 +23,7 @@ KEYS = Keys("test")
 
 
 def free_endpoint() -> str:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+    return f"tcp/127.0.0.1:{free_port()}"
 
 
 def open_session(*, listen: str = "", connect: str = "") -> zenoh.Session:

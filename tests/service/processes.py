@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import signal
-import socket
 import subprocess
 import sys
 import time
@@ -15,6 +14,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import tomlkit
+from ports import free_port
 
 from viewsep.client import Client, NoAnswer
 from viewsep.messages import PerceptReceived
@@ -24,13 +24,6 @@ from viewsep.service.status import EngineStatus, ResultStatus, RigStatus, Status
 
 STARTS_S = 30.0
 T = TypeVar("T")
-
-
-def free_port() -> int:
-    """A port nobody listens on now."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 def until(what: Callable[[], T], timeout_s: float, says: str) -> T:

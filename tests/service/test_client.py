@@ -13,7 +13,6 @@ from fake_service import (
     FakeService,
     accept,
     fake_service,
-    free_port,
     later,
     raw,
     raw_error,
@@ -24,6 +23,7 @@ from fake_service import (
     until,
 )
 from foxglove_schemas_protobuf.Log_pb2 import Log
+from ports import free_port
 
 from viewsep.client import BadReply, Client, LogLine, NoAnswer, Received, RequestRefused, ServedRig, TaskLost, rigs
 from viewsep.errors import BadInput, NotConnected, RigError, Timeout, ViewsepError

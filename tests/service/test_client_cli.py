@@ -12,8 +12,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import zenoh
-from fake_service import FakeService, Table, accept, fake_service, free_port, later, raw, refuse, say, silent, until
+from fake_service import FakeService, Table, accept, fake_service, later, raw, refuse, say, silent, until
 from foxglove_schemas_protobuf.Log_pb2 import Log
+from ports import free_port
 from rich.console import Console
 from shell import Ended, Shell
 

@@ -12,7 +12,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from processes import Serving, complete, engine_of, free_port, held, rig_of, serving, under_way, until
+from ports import free_port
+from processes import Serving, complete, engine_of, held, rig_of, serving, under_way, until
 
 from viewsep.client import Client
 from viewsep.config import parse_config

@@ -13,8 +13,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from ports import free_port
 from processes import Serving, rig_of, serving, until
-from served_rig import ServedRig, free_port
+from served_rig import ServedRig
 
 from viewsep.keys import KeyRole, init_keys, issue
 

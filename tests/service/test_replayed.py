@@ -17,7 +17,8 @@ from pathlib import Path
 
 import pytest
 from fake_service import fake_service
-from processes import free_port, running, until
+from ports import free_port
+from processes import running, until
 from rich.console import Console
 from zenoh.handlers import FifoChannel
 

@@ -9,7 +9,8 @@ from typing import Any
 
 import pytest
 import zenoh
-from served_rig import ServedRig, answers, end, free_port, make_keys, rogue, sign_again, until
+from ports import free_port
+from served_rig import ServedRig, answers, end, make_keys, rogue, sign_again, until
 
 from viewsep.config import ServiceConfig
 from viewsep.errors import BadConfig, BadInput
