@@ -239,12 +239,12 @@ class FilterInterpreter:
         posterior = state.posterior
         followed = set(posterior.active.tolist())
         order = np.argsort(-posterior.log_shares()[:-1], kind="stable")
-        posed = [int(k) for k in order[:POSED] if int(k) in followed]
+        posed = [int(k) for k in order if int(k) in followed][:POSED]
         rotations, variance = self._poses(state, posed)
         limit = np.radians(self.options.pose_within_deg) ** 2
         *probabilities, none = self._moderated(state, posed, rotations, variance).tolist()
         probability = np.array(probabilities)
-        leader = int(order[0]) if self._sure(state, int(order[0]), probability, none) else -1
+        leader = int(order[0]) if self._sure(state, int(order[0]), probability) else -1
         plausible = probability > 0.01 * probability.max()
         plausible[order[:2]] = True
         fit = self.predictions.fit(nearest2)
@@ -277,7 +277,7 @@ class FilterInterpreter:
         return Interpretation(
             estimate,
             rotations,
-            converged=bool(variance[order[0]] < limit) and none < 0.5,
+            converged=bool(variance[order[0]] < limit and posterior.none < np.log(0.5)),
             plausible=plausible,
             leader=leader,
             fresh=slipped,
@@ -306,7 +306,8 @@ class FilterInterpreter:
         """(K + 1,) probabilities of all candidates and none of them, given that models err between their views.
 
         They do not where both have their views in the same places and are held alike: there the errors cancel. And a
-        candidate that explains the looks no better than none of them does is no look-alike whose views could err.
+        candidate that explains the looks no better than none of them does is no look-alike whose views could err. None
+        of them is as probable as without the region that speaks most for it: a model may be wrong in a whole region.
         """
         log, leader = state.posterior.log_shares(), posed[0]
         gained = state.gains.sum(axis=0, dtype=np.float64)
@@ -324,25 +325,30 @@ class FilterInterpreter:
                 cells, others = (cell_of(*(state.views @ rotations[who]).T) for who in (leader, k))
                 told, error2[k] = contrast(self.predictions, state.looks, state.shares, leader, cells, k, others)
                 evidence[k] = told + np.log(state.prior[leader] / state.prior[k])
-        return np.asarray(softmax(-moderated(evidence, error2)))
+        everybody: FloatArray = softmax(-moderated(evidence, error2))
+        if everybody[-1] > 1.0 - self.options.confidence:
+            none = min(everybody[-1], self._least(state, len(log) - 1, REGION_RAD))
+            everybody[:-1] *= (1.0 - none) / max(1.0 - everybody[-1], 1e-300)
+            everybody[-1] = none
+        return everybody
 
-    def _sure(self, state: FilterState, who: int, probability: FloatArray, none: float) -> bool:
-        """Whether `who` (K: none of them) is as good as certain, and no single place, or region, decides that.
+    def _sure(self, state: FilterState, who: int, probability: FloatArray) -> bool:
+        """Whether candidate `who` is as good as certain, and no single place decides that.
 
         A model errs in the same way wherever one looks from about the same place.
         """
-        everybody = np.append(probability, none)
-        if everybody[who] < self.options.confidence:
-            return False
-        alone = PLACE_RAD if who < len(probability) else REGION_RAD
-        elsewhere = state.views @ state.views.T <= np.cos(alone)
+        certain = probability[who] >= self.options.confidence
+        return bool(certain and self._least(state, who, PLACE_RAD) >= self.options.corroborated)
+
+    def _least(self, state: FilterState, who: int, apart_rad: float) -> float:
+        """The least probability of `who` (K: none of them) without the looks from around any one of them."""
+        elsewhere = state.views @ state.views.T <= np.cos(apart_rad)
         with np.errstate(divide="ignore"):
             without = np.repeat((np.log(state.prior[who]) - np.log(state.prior))[None], len(elsewhere), axis=0)
         for counts, gain in zip(elsewhere.T, state.gains[:, [who]] - state.gains, strict=True):
             without[counts] = np.clip(without[counts] + gain, -self.options.floor, self.options.floor)
         without[:, state.prior == 0.0] = np.inf  # ruled out from the start
-        left = 1.0 / np.exp(-without).sum(axis=1)
-        return bool(left.min() >= self.options.corroborated)
+        return float((1.0 / np.exp(-without).sum(axis=1)).min())
 
     def _concluded(self, state: FilterState, leader: int, probability: FloatArray, none: float) -> Conclusion | None:
         after = f"after {state.count} looks"
@@ -350,7 +356,7 @@ class FilterInterpreter:
             after += f", {state.slips} of its poses lost on the way" if state.slips > 1 else ", its pose lost once"
         if leader >= 0:
             return Conclusion(Outcome.IDENTIFIED, f"its probability is {probability[leader]:.4f} {after}")
-        if self._sure(state, len(probability), probability, none):
+        if none >= self.options.confidence:
             return Conclusion(Outcome.UNKNOWN, f"the probability of that is {none:.4f} {after}")
         return None
 
