@@ -32,16 +32,13 @@ RATIO = 0.75  # of the distances to the best and the second-best match in a stor
 Picture = tuple[Array, Array]
 """Image (H, W, 3) uint8 RGB and mask (H, W) bool."""
 Scores = Callable[[SeparationTask, Sequence[Picture], Config, Setup], FloatArray]
-"""(K,) how much the looks speak for each candidate; equal best scores decide nothing."""
+"""(L, K) how much the looks until each one speak for each candidate; equal best scores decide nothing."""
 
 
 def baseline_row(task: SeparationTask, name: str, looks: int, config: Config, setup: Setup) -> Row:
     """Take `looks` pictures on a fixed sweep and name the candidate the baseline scores highest."""
-    held = setup.hold(task.source, config, task.seed)
-    reachable = reachable_views(held.config.rig).directions
-    start = reachable[np.random.default_rng(task.seed).integers(len(reachable))]  # where the planners start too
-    views = sweep(reachable, start, looks)
-    scores = BASELINES[name](task, _exposed(task, held, views, setup), held.config, setup)
+    held, views, pictures = exposed_sweep(task, looks, config, setup)
+    scores = BASELINES[name](task, pictures, held.config, setup)[-1]
     best = np.flatnonzero(scores == scores.max())
     names = [setup.model(source, held.config).name for source in task.candidates]
     outcome, named = ("identified", names[best[0]]) if len(best) == 1 else ("undecided", "")
@@ -70,13 +67,22 @@ def check_baselines(names: Sequence[str]) -> None:
             raise BadInput(f"--baselines {name!r} is none of {known}: name one or several of them")
 
 
-def _exposed(task: SeparationTask, held: SimulatedRig, views: FloatArray, setup: Setup) -> list[Picture]:
-    """What the rig's camera would see from the views (N, 3), disturbances included."""
+def exposed_sweep(
+    task: SeparationTask, looks: int, config: Config, setup: Setup
+) -> tuple[SimulatedRig, FloatArray, list[Picture]]:
+    """The rig, at most `looks` views (L, 3) well spread over what it reaches, and what its camera would see from them.
+
+    Disturbances are included.
+    """
+    held = setup.hold(task.source, config, task.seed)
+    reachable = reachable_views(held.config.rig).directions
+    start = reachable[np.random.default_rng(task.seed).integers(len(reachable))]  # where the planners start too
+    views = sweep(reachable, start, looks)
     disturbances = Disturbances(**held.config.sim.model_dump())
     camera, shown = held.rig.geometry.camera_direction, views @ held.true_rotation(0)
     pictures = setup.pictures(task.source, held.config)
     try:
-        return [
+        exposed = [
             disturbed(
                 *pictures.render(camera, rotation_showing(view, camera)),
                 disturbances,
@@ -88,6 +94,7 @@ def _exposed(task: SeparationTask, held: SimulatedRig, views: FloatArray, setup:
     finally:
         pictures.close()
         held.rig.camera.close()
+    return held, views, exposed
 
 
 def _similarities(task: SeparationTask, pictures: Sequence[Picture], config: Config, setup: Setup) -> FloatArray:
@@ -99,25 +106,26 @@ def _similarities(task: SeparationTask, pictures: Sequence[Picture], config: Con
 
 
 def _nearest(task: SeparationTask, pictures: Sequence[Picture], config: Config, setup: Setup) -> FloatArray:
-    return np.asarray(_similarities(task, pictures, config, setup).max(axis=0))
+    return np.maximum.accumulate(_similarities(task, pictures, config, setup), axis=0)
 
 
 def _vote(task: SeparationTask, pictures: Sequence[Picture], config: Config, setup: Setup) -> FloatArray:
     """Votes, and where they are equal the mean similarity."""
     similarity = _similarities(task, pictures, config, setup)
-    votes = (similarity == similarity.max(axis=1, keepdims=True)).sum(axis=0)
-    return np.asarray(votes + 0.5 * similarity.mean(axis=0))
+    votes = (similarity == similarity.max(axis=1, keepdims=True)).cumsum(axis=0)
+    mean = similarity.cumsum(axis=0) / np.arange(1, len(similarity) + 1)[:, None]
+    return np.asarray(votes + 0.5 * mean)
 
 
 def _sift(task: SeparationTask, pictures: Sequence[Picture], config: Config, setup: Setup) -> FloatArray:
     """Matches in the stored picture of each candidate that matches a look best, summed over the looks."""
     galleries = [_gallery(source, config.model_dump_json(), setup) for source in task.candidates]
-    scores = np.zeros(len(galleries))
-    for image, mask in pictures:
-        found = local_features(image, mask)
+    scores = np.zeros((len(pictures), len(galleries)))
+    for look, picture in enumerate(pictures):
+        found = local_features(*picture)
         if len(found) > 0:
-            scores += [matches(found, gallery).max(initial=0) for gallery in galleries]
-    return scores
+            scores[look] = [matches(found, gallery).max(initial=0) for gallery in galleries]
+    return scores.cumsum(axis=0)
 
 
 @lru_cache(maxsize=256)

@@ -13,6 +13,7 @@ from viewsep import __version__
 from viewsep.bench.baselines import baseline_row
 from viewsep.bench.calibration import calibration_row, check_probabilities
 from viewsep.bench.journal import Journal, Row
+from viewsep.bench.looks import looks_row, looks_summary
 from viewsep.bench.methods import Method
 from viewsep.bench.pose import PoseRun, pose_rows
 from viewsep.bench.report import Report
@@ -22,6 +23,7 @@ from viewsep.bench.setup import Setup
 from viewsep.bench.symmetry import symmetries
 from viewsep.bench.tasks import SeparationTask
 from viewsep.config import Config
+from viewsep.files import write_whole
 from viewsep.planning.exploration import Exploration
 from viewsep.sim.source import object_name
 
@@ -86,6 +88,37 @@ def run_calibration(
     journal = _journal(experiment, running)
     rows = _by_method(calibration_row, tasks, methods, setup, journal, running)
     return _reported(Report("calibration", about, rows), journal, running)
+
+
+def run_looks(
+    tasks: Sequence[SeparationTask],
+    methods: Sequence[Method],
+    baselines: Sequence[str],
+    looks: int,
+    setup: Setup,
+    running: Running,
+    about: dict[str, Any],
+) -> dict[str, Any]:
+    """Who is right after how many looks, all on the same pictures: figures by method and number of looks, and the rows.
+
+    Raises BadInput for objects that cannot be used, and Interrupted.
+    """
+    experiment = _experiment(tasks, methods, setup, running) | {"baselines": list(baselines), "looks": looks}
+    journal = _journal(experiment, running)
+    calls = [Call(str(task.index), looks_row, (task, methods, baselines, looks, setup)) for task in tasks]
+    rows = run_calls(calls, running.workers, journal, running.progress("looking", len(calls)))
+    found = {
+        "kind": "looks",
+        "software": f"viewsep {__version__}",
+        "about": about,
+        "after": looks_summary(rows),
+        "tasks": rows,
+    }
+    if running.result is not None:
+        write_whole(running.result, json.dumps(found, indent=1, allow_nan=False).encode(), "result")
+    if journal is not None:
+        journal.remove()
+    return found
 
 
 def run_pose(

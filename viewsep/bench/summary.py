@@ -94,9 +94,18 @@ def mcnemar(a: Sequence[Row], b: Sequence[Row]) -> dict[str, Any]:
     pairs = [(right[row["index"]], row["verdict"] == "right") for row in b if row["index"] in right]
     only_a = sum(of_a and not of_b for of_a, of_b in pairs)
     only_b = sum(of_b and not of_a for of_a, of_b in pairs)
+    return {
+        "n": len(pairs),
+        "only_first_right": only_a,
+        "only_second_right": only_b,
+        "p_value": mcnemar_p(only_a, only_b),
+    }
+
+
+def mcnemar_p(only_a: int, only_b: int) -> float:
+    """The two-sided probability that tasks which one of two methods alone gets right fall that unevenly by chance."""
     differ = only_a + only_b
-    p_value = float(binomtest(only_a, differ).pvalue) if differ else 1.0
-    return {"n": len(pairs), "only_first_right": only_a, "only_second_right": only_b, "p_value": p_value}
+    return float(binomtest(only_a, differ).pvalue) if differ else 1.0
 
 
 def _values(rows: Sequence[Row], key: str) -> list[float]:

@@ -10,6 +10,7 @@ from rich.table import Table
 from viewsep.bench.speed import measure_speed
 from viewsep.cli.bench_calibration import calibration
 from viewsep.cli.bench_compensation import compensation
+from viewsep.cli.bench_looks import looks
 from viewsep.cli.bench_masks import masks
 from viewsep.cli.bench_pose import pose
 from viewsep.cli.bench_recording import recording
@@ -25,6 +26,7 @@ app.command("recording")(recording)
 app.command("separation")(separation)
 app.command("calibration")(calibration)
 app.command("compensation")(compensation)
+app.command("looks")(looks)
 app.command("masks")(masks)
 app.command("pose")(pose)
 app.command("scale")(scale)
