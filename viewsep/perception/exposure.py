@@ -50,5 +50,10 @@ def badly_exposed(image: Array) -> str:
     over = float((brightest >= WHITE).mean())
     if over > CLIPPED:
         return f"the picture is over-exposed, {over:.0%} of it is clipped: {LOWER}"
-    level = float(np.median(brightest))
+    return too_dark(image)
+
+
+def too_dark(image: Array) -> str:
+    """What to say of a picture (H, W, 3) uint8 most of which is next to black; empty for others."""
+    level = float(np.median(samples(image).max(axis=1)))
     return f"the picture is too dark, half of it is below {level:.0f} of 255: {RAISE}" if level < DARK else ""
