@@ -22,7 +22,7 @@ from viewsep.perception.figure_ground import Segmenter
 from viewsep.perception.finder import ObjectFinder
 from viewsep.plugins import make_descriptor
 from viewsep.recording import task_recorder
-from viewsep.recordings.reader import read_recording
+from viewsep.recordings.reader import Recording, read_recording
 from viewsep.recordings.replay import verify
 from viewsep.rigs import pace_of
 from viewsep.session import Rig, Session
@@ -146,7 +146,12 @@ class Told:
     """What came of a task: its result, and all that was recorded."""
 
     result: Result
-    messages: Sequence[Message]
+    recording: Recording
+
+    @property
+    def messages(self) -> Sequence[Message]:
+        """All that was recorded, in order."""
+        return [recorded.message for recorded in self.recording.messages]
 
     def of(self, kind: type[M]) -> list[M]:
         """All of one type, in order."""
@@ -163,4 +168,4 @@ def task_on(scenario: Scenario, models: list[AspectGraph], record: Path) -> Told
             result = session.run(scenario.seed)
     recording = read_recording(record)
     assert verify(recording).exact
-    return Told(result, [recorded.message for recorded in recording.messages])
+    return Told(result, recording)

@@ -29,6 +29,8 @@ from viewsep.messages import (
 )
 from viewsep.models.aspect_graph import AspectGraph
 from viewsep.models.library import load_library
+from viewsep.plots.events import happenings
+from viewsep.plots.story import retell
 from viewsep.plugins import make_descriptor
 from viewsep.sim.disturbances import Disturbances
 from viewsep.sim.staged_camera import Delivery
@@ -157,8 +159,14 @@ def test_in_a_task(row: Row, models: list[AspectGraph], tmp_path: Path) -> None:
     assert told.result.object == (NAMES[row.shown] if row.outcome is Outcome.IDENTIFIED else "")
     assert [result.reason for result in told.of(Result)] == [told.result.reason]
     assert isinstance([message for message in told.messages if isinstance(message, Command)][-1], Stop)
-    recorded = told.of(row.recorded)
-    assert any(estimate.note for estimate in told.of(Estimate)) if row.recorded is Estimate else recorded
+    assert told.of(row.recorded)
+    if row.recorded is Estimate:
+        notes = [estimate.note for estimate in told.of(Estimate) if estimate.note]
+        trouble = [
+            happening.words for happening in happenings(retell(told.recording))[0] if happening.kind == "trouble"
+        ]
+        assert len(notes) > 0
+        assert trouble == [f"Out of the ordinary: {note}." for note in dict.fromkeys(notes)]
     for missing in told.of(FrameMissing)[3:4]:  # the rig does not drive on blindly
         later = told.messages[told.messages.index(missing) :]
         until = next((k for k, message in enumerate(later) if isinstance(message, PerceptReceived)), None)
