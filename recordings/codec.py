@@ -208,6 +208,8 @@ def _encode_percept(percept: messages.Percept) -> pb.Percept:
         descriptor=percept.descriptor,
         feature=feature.tolist(),
         view_direction=_flat("view_direction", percept.view_direction, (3,)),
+        notes=percept.notes,
+        anew=percept.anew,
     )
 
 
@@ -218,6 +220,8 @@ def _decode_percept(percept: pb.Percept) -> messages.Percept:
         percept.descriptor,
         np.array(percept.feature, np.float32),
         _array("view_direction", percept.view_direction, (3,)),
+        tuple(percept.notes),
+        percept.anew,
     )
 
 

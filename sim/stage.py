@@ -24,8 +24,9 @@ class Staging:
     `size` (width, height) pixels; the object's picture is `object_px` wide and in the middle, moved by `offset_px`.
     `shadow` is the share of the light it takes where it is darkest. `exposure_drift` is by how much the exposure
     wanders, within a period of `drift_period_s`; `exposure_offset` is how far off it may be for good; `colour_drift`
-    each colour of its own. `noise` grey levels, `shake_px` the most the camera is off. From `removed_s` on the object
-    is gone, from `moved_s` on it is `moved_px` aside, from `switched_s` on other lamps are lit.
+    each colour of its own; `gain` is what the camera makes of the light. `noise` grey levels, `shake_px` the most the
+    camera is off. From `removed_s` to `put_back_s` the object is gone, from `moved_s` on it is `moved_px` aside. From
+    `switched_s` on other lamps are lit, `switched_to` times as bright, more of it to one side by `switched_slope`.
     """
 
     background: Literal["desk", "plain"] = "desk"
@@ -39,13 +40,16 @@ class Staging:
     drift_period_s: float = 20.0
     exposure_offset: float = 0.1
     colour_drift: float = 0.02
+    gain: float = 1.0
     noise: float = 2.0
     shake_px: float = 0.7
     removed_s: float = NEVER_S
+    put_back_s: float = NEVER_S
     moved_s: float = NEVER_S
     moved_px: tuple[int, int] = (60, 0)
     switched_s: float = NEVER_S
     switched_to: float = 0.6
+    switched_slope: tuple[float, float] = (0.35, -0.2)
     seed: int = 0
 
 
@@ -79,7 +83,7 @@ class Stage:
         scene, opacity = _shaken(scene, opacity, rng.uniform(-s.shake_px, s.shake_px, 2))
         scene = scene * self.exposure(seconds)
         if seconds >= s.switched_s:
-            scene = lit_from_a_side(scene * s.switched_to, np.array([0.35, -0.2])).astype(np.float32)
+            scene = lit_from_a_side(scene * s.switched_to, np.array(s.switched_slope)).astype(np.float32)
         if s.noise > 0:
             scene = scene + rng.standard_normal(scene.shape, np.float32) * np.float32(s.noise)
         return np.clip(scene + 0.5, 0, 255).astype(np.uint8), opacity >= 0.5
@@ -92,7 +96,7 @@ class Stage:
         turn = 2.0 * np.pi * seconds / s.drift_period_s
         wander = 1.0 + s.exposure_drift * np.sin(turn + phases[0])
         colours = 1.0 + s.colour_drift * np.sin(0.7 * turn + phases[1:])
-        return np.asarray(offset * wander * colours, np.float32)
+        return np.asarray(s.gain * offset * wander * colours, np.float32)
 
     def _surroundings(self, joints: Sequence[float]) -> Array:
         """(H, W, 3) float32 without object and gripper."""
@@ -110,7 +114,7 @@ class Stage:
         s = self.staging
         opacity = np.zeros((s.size[1], s.size[0]), np.float32)
         colours = np.zeros((s.size[1], s.size[0], 3), np.float32)
-        if not mask.any() or seconds >= s.removed_s:
+        if not mask.any() or s.removed_s <= seconds < s.put_back_s:
             return opacity, colours
         aside = s.moved_px if seconds >= s.moved_s else (0, 0)
         left, top = (round(self._middle[k] + aside[k] - s.object_px / 2) for k in (0, 1))

@@ -12,7 +12,7 @@ from viewsep.errors import NotConnected, Timeout
 from viewsep.messages import Array, BoolArray, FloatArray, Frame
 from viewsep.sim.followed import JointsAt
 from viewsep.sim.render import Pictures
-from viewsep.sim.stage import Stage
+from viewsep.sim.stage import NEVER_S, Stage
 from viewsep.sim.world import MEMORY_S, Scene
 
 REMEMBERED_MASKS = 1000
@@ -25,6 +25,7 @@ class Delivery:
 
     Up to `buffers` of those nobody reads wait in a queue, the oldest first, until somebody reads again; later ones are
     lost meanwhile. A driver with `discards` throws away what is older than what was asked for; without, it hands it on.
+    From `stalled_s` to `goes_on_s` nothing is exposed.
     """
 
     rate_hz: float = 30.0
@@ -32,6 +33,8 @@ class Delivery:
     drop_rate: float = 0.0
     buffers: int = 4
     discards: bool = True
+    stalled_s: float = NEVER_S
+    goes_on_s: float = NEVER_S
 
 
 class StagedCamera:
@@ -139,5 +142,7 @@ class StagedCamera:
         return self._stage.exposed(picture, mask, self._joints_at(stamp_ns), stamp_ns, sequence)
 
     def _lost(self, sequence: int) -> bool:
+        if self._delivery.stalled_s <= sequence * self._period_ns * 1e-9 < self._delivery.goes_on_s:
+            return True
         rng = np.random.default_rng([self._stage.staging.seed, 26, sequence])
         return bool(rng.random() < self._delivery.drop_rate)

@@ -74,7 +74,9 @@ class Percept:
     """What perception makes of one frame: a global, roll-invariant feature and where it was seen from.
 
     `feature` is (D,) float32 of the named descriptor; `view_direction` is the (3,) unit vector `c` in the control
-    frame, from the joint angles interpolated at `stamp_ns`, the frame's time stamp.
+    frame, from the joint angles interpolated at `stamp_ns`, the frame's time stamp. `notes` are
+    sentences about what perception has found out of the ordinary, mostly none; `anew` says why the
+    object may be another one than before, or held otherwise: what was seen of it before does not count then.
     """
 
     stamp_ns: int
@@ -82,6 +84,8 @@ class Percept:
     descriptor: str
     feature: Array
     view_direction: FloatArray
+    notes: tuple[str, ...] = ()
+    anew: str = ""
 
 
 @dataclass(frozen=True, eq=False, slots=True)

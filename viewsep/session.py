@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -64,7 +64,10 @@ class _Move:
 
 
 class Session:
-    """Runs separation tasks on a rig. A context manager: leaving it stops the motion and closes everything."""
+    """Runs separation tasks on a rig. A context manager: leaving it stops the motion and closes everything.
+
+    Where the last task failed because the rig did, an error of closing it says nothing new and is not raised.
+    """
 
     def __init__(
         self,
@@ -81,6 +84,7 @@ class Session:
         self.listeners = listeners
         self.state: EngineState = engine.start()
         self._cancelled = ""
+        self._broken = False
         self._move: _Move | None = None
         self._heard_until_ns = -1
         self._keyframe_due_ns = 0
@@ -95,7 +99,8 @@ class Session:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self.close()
+        with suppress(RigError) if self._broken else nullcontext():  # the result says it already
+            self.close()
 
     def close(self) -> None:
         """Stop the motion and close motion and camera: all is tried, then the first error is raised."""
@@ -109,6 +114,7 @@ class Session:
         """Carry out one task. A rig that fails on the way ends it as failed; raises RigError when it cannot begin."""
         clock = self.rig.clock
         self.state = self.engine.start()
+        self._broken = False
         self._move = None
         self._keyframe_due_ns = 0
         start = self._newest_state()
@@ -118,6 +124,7 @@ class Session:
             self._loop()
         except RigError as error:
             self._move = None
+            self._broken = True
             with suppress(RigError):  # a rig that fails may not even stop: closing it tries again and tells
                 self._feed(RigFailed(clock.now_ns(), str(error)))
         finally:

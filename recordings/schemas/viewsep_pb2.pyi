@@ -21,18 +21,22 @@ class JointState(_message.Message):
     def __init__(self, stamp_ns: _Optional[int] = ..., position_rad: _Optional[_Iterable[float]] = ..., setpoint_rad: _Optional[_Iterable[float]] = ..., moving: _Optional[bool] = ..., fault: _Optional[str] = ...) -> None: ...
 
 class Percept(_message.Message):
-    __slots__ = ("stamp_ns", "sequence", "descriptor", "feature", "view_direction")
+    __slots__ = ("stamp_ns", "sequence", "descriptor", "feature", "view_direction", "notes", "anew")
     STAMP_NS_FIELD_NUMBER: _ClassVar[int]
     SEQUENCE_FIELD_NUMBER: _ClassVar[int]
     DESCRIPTOR_FIELD_NUMBER: _ClassVar[int]
     FEATURE_FIELD_NUMBER: _ClassVar[int]
     VIEW_DIRECTION_FIELD_NUMBER: _ClassVar[int]
+    NOTES_FIELD_NUMBER: _ClassVar[int]
+    ANEW_FIELD_NUMBER: _ClassVar[int]
     stamp_ns: int
     sequence: int
     descriptor: str
     feature: _containers.RepeatedScalarFieldContainer[float]
     view_direction: _containers.RepeatedScalarFieldContainer[float]
-    def __init__(self, stamp_ns: _Optional[int] = ..., sequence: _Optional[int] = ..., descriptor: _Optional[str] = ..., feature: _Optional[_Iterable[float]] = ..., view_direction: _Optional[_Iterable[float]] = ...) -> None: ...
+    notes: _containers.RepeatedScalarFieldContainer[str]
+    anew: str
+    def __init__(self, stamp_ns: _Optional[int] = ..., sequence: _Optional[int] = ..., descriptor: _Optional[str] = ..., feature: _Optional[_Iterable[float]] = ..., view_direction: _Optional[_Iterable[float]] = ..., notes: _Optional[_Iterable[str]] = ..., anew: _Optional[str] = ...) -> None: ...
 
 class Event(_message.Message):
     __slots__ = ("task_started", "move_settled", "move_failed", "frame_missing", "deadline_passed", "cancel_requested", "rig_failed")

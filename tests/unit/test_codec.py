@@ -36,6 +36,8 @@ PERCEPT = st.builds(
     TEXT,
     hnp.arrays(np.float32, st.integers(0, 20), elements=st.floats(width=32)),
     doubles(3),
+    st.lists(TEXT, max_size=3).map(tuple),
+    TEXT,
 )
 OPTIONAL = st.none() | FLOAT
 CANDIDATE = st.builds(

@@ -173,7 +173,7 @@ def test_a_picture_that_shows_no_object_is_a_missing_frame() -> None:
     config, models = restore(golden())
     found = what_if(golden(), config, models, Blind())  # type: ignore[arg-type]
     assert (found.ending, found.looks) == (Ending.FAILED, 0)
-    assert "20 frames missing in a row: no pixel is on the object" in found.reason
+    assert "20 frames missing in a row, for 5.1 s: no pixel is on the object" in found.reason
 
 
 # when the moves of a shadow arrive

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,7 +14,7 @@ from viewsep.capture.placements import Placement, merged, registered
 from viewsep.capture.plan import Shot, plan_shots
 from viewsep.capture.run import Skipped, take_photos
 from viewsep.config import Config
-from viewsep.errors import BadInput, try_all
+from viewsep.errors import BadInput, RigError, try_all
 from viewsep.interfaces import Perception
 from viewsep.learning import learn_view_set
 from viewsep.messages import JointState
@@ -73,12 +74,19 @@ def photograph(
         "rig": rig_config,
     }
     folder = CaptureFolder(lesson.photos, plan)
+    shots, closing = shots_of(lesson, rig), (rig.motion.close, rig.camera.close)
     try:
         rig.motion.connect()
         rig.camera.connect()
-        skipped = take_photos(rig, perception, shots_of(lesson, rig), folder, tick, watch)
-    finally:
-        try_all((rig.motion.close, rig.camera.close))
+        skipped = take_photos(rig, perception, shots, folder, tick, watch)
+    except BaseException as error:
+        with suppress(RigError):  # what went wrong first is what counts
+            try_all(closing)
+        if isinstance(error, RigError) and folder.photos:
+            kept = f"{len(folder.photos)} of {len(shots)} photos are kept in {lesson.photos}"
+            raise RigError(f"{error}; {kept}: put it right, and the same command goes on") from error
+        raise
+    try_all(closing)
     if len(folder.photos) < FEWEST_PHOTOS:
         raise BadInput(
             f"{lesson.photos}: {len(folder.photos)} photos are too few (at least {FEWEST_PHOTOS}); give a smaller "

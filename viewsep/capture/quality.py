@@ -9,9 +9,8 @@ import cv2
 import numpy as np
 
 from viewsep.messages import Array, BoolArray
+from viewsep.perception.exposure import Clipped, clipped
 
-WHITE, BLACK = 253, 3
-CLIPPED = 0.25  # of the object's pixels that may be white in all channels, or black
 BLURRED = 0.2  # of the median sharpness of earlier photos
 ENOUGH = 5  # photos that the sharpness is compared with
 EDGE_PX = 2  # the object's outline is sharp against the background whatever its print is
@@ -27,10 +26,8 @@ class PhotoQuality:
 
     def problem(self, earlier: Sequence[float]) -> str:
         """Why the photo is not used, given the sharpness of earlier ones; empty when it is good."""
-        if self.white > CLIPPED:
-            return f"{self.white:.0%} of the object is burnt out: lower the exposure or the gain"
-        if self.black > CLIPPED:
-            return f"{self.black:.0%} of the object is black: raise the exposure, or add light"
+        if problem := Clipped(self.white, self.black).problem:
+            return problem
         if len(earlier) >= ENOUGH and self.sharpness < BLURRED * float(np.median(earlier)):
             return "blurred: is the rig still, and the focus fixed?"
         return ""
@@ -43,7 +40,5 @@ def photo_quality(image: Array, mask: BoolArray) -> PhotoQuality:
         inner = mask
     grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
     sharpness = float(cv2.Laplacian(grey, cv2.CV_32F)[inner].var())
-    pixels = image[inner]
-    return PhotoQuality(
-        sharpness, float((pixels.min(axis=1) >= WHITE).mean()), float((pixels.max(axis=1) <= BLACK).mean())
-    )
+    lost = clipped(image[inner])
+    return PhotoQuality(sharpness, lost.white, lost.black)

@@ -28,6 +28,7 @@ from viewsep.messages import (
     TaskStarted,
 )
 
+BLIND = 3  # frames missing in a row: the rig waits before it moves on
 Step = tuple[EngineState, tuple[Command, ...]]
 
 
@@ -51,6 +52,10 @@ class Engine:
     def restore(self, data: bytes) -> EngineState:
         """The state `data` was saved from. Raises BadInput when it is of another interpreter or planner."""
         return self._codec.from_bytes(data)
+
+    def same(self, state: EngineState, data: bytes) -> bool:
+        """Whether `data` was saved from the same state, as far as its version knew. Raises BadInput as `restore`."""
+        return self._codec.same(state, data)
 
     def step(self, state: EngineState, event: Event) -> Step:
         """Take one event. Events after the result, or that belong to an abandoned move, change nothing."""
@@ -91,9 +96,14 @@ class Engine:
 
     def _see(self, state: EngineState, percept: Percept) -> Step:
         """One iteration of the interpretation module, then the decision."""
+        state = _noted(state, percept)
         if state.missing_frames:
-            state = replace(state, missing_frames=0)
-        if state.phase is Phase.STARTING or self._repeats(state, percept):
+            state = replace(state, missing_frames=0, missing_first=None)
+        if percept.anew and state.looks:
+            state = self._forget(state)
+        elif self._repeats(state, percept):
+            return state, ()
+        if state.phase is Phase.STARTING:
             return state, ()
         interpretation, belief = self.interpreter.update(state.interpretation, percept)
         assert state.view_direction is not None
@@ -117,7 +127,9 @@ class Engine:
                 phase=state.phase,
                 travel_rad=state.travel_rad,
                 target=target,
+                note="; ".join([*state.notes[state.told :], *filter(None, [belief.estimate.note])]),
             ),
+            told=len(state.notes),
         )
         if belief.conclusion and self._pose_known(belief):
             return self._end(state, conclusion(state, percept.stamp_ns, belief.conclusion))
@@ -131,6 +143,11 @@ class Engine:
         if state.dwelling:
             return self._go_on(replace(state, dwelling=False), state.view_direction)
         return state, ()
+
+    def _forget(self, state: EngineState) -> EngineState:
+        """Perhaps another object is shown now: all that was believed is open again, and the budget goes on."""
+        began = self.interpreter.start()
+        return replace(state, interpretation=began, belief=None, separating_view=None, leads=(-1, 0))
 
     def _pose_known(self, belief: Interpretation) -> bool:
         """Whether the pose of what is concluded is good enough to end; there is none of an unknown object."""
@@ -173,6 +190,8 @@ class Engine:
     def _go_on(self, state: EngineState, here: FloatArray | None) -> Step:
         """Ask the planner for the next view and drive there; stay and look again where it has none."""
         assert here is not None
+        if state.missing_frames >= BLIND:
+            return replace(state, move=None, dwelling=True), ()
         planning, plan = self.planner.next_view(state.planning, here, state.belief)
         state = replace(state, planning=planning)
         if plan.conclusion and state.belief:
@@ -199,16 +218,35 @@ class Engine:
 
     def _miss(self, state: EngineState, event: FrameMissing) -> Step:
         missing = state.missing_frames + 1
+        state = replace(state, missing_frames=missing, missing_first=state.missing_first or event)
         if missing >= self.limits.max_missing_frames:
-            reason = f"{missing} frames missing in a row: {event.reason}"
-            return self._end(state, failure(state, event.stamp_ns, reason))
-        return replace(state, missing_frames=missing), ()
+            return self._end(state, failure(state, event.stamp_ns, _missed(state, event.stamp_ns, event.reason)))
+        return state, ()
 
     def _end(self, state: EngineState, result: Result) -> Step:
         """Publish the result and hold still."""
+        result = replace(result, reason="; ".join([result.reason, *state.notes]))
         estimate = replace(state.estimate, phase=Phase.DONE) if state.estimate else None
         state = replace(state, phase=Phase.DONE, result=result, estimate=estimate, commands=state.commands + 1)
         return state, (Stop(state.commands - 1, result.outcome.value),)
+
+
+def _missed(state: EngineState, stamp_ns: int, reason: str) -> str:
+    """How many frames are missing until now, for how long and why."""
+    assert state.missing_first is not None
+    seconds = (stamp_ns - state.missing_first.stamp_ns) * 1e-9
+    lasted = f", for {seconds:.1f} s" if seconds > 0 else ""
+    return f"{state.missing_frames} frames missing in a row{lasted}: {reason}"
+
+
+def _noted(state: EngineState, percept: Percept) -> EngineState:
+    """With what perception says of a percept and was not said before in this task."""
+    anew = (f"{percept.anew}: what was seen before does not count",) if percept.anew and state.looks else ()
+    first = state.missing_first
+    if first and state.missing_frames >= BLIND and not anew:
+        anew = (_missed(state, percept.stamp_ns, first.reason),)
+    new = [note for note in (*anew, *percept.notes) if note not in state.notes]
+    return replace(state, notes=(*state.notes, *new)) if new else state
 
 
 def _leads(state: EngineState, leader: int) -> tuple[int, int]:

@@ -40,6 +40,13 @@ class StateCodec:
         packed: bytes = packb(self._converter.unstructure(state, EngineState))
         return packed
 
+    def same(self, state: EngineState, data: bytes) -> bool:
+        """Whether `data` says the same as `state`, as far as the version that wrote it knew. Raises BadInput."""
+        before = self.from_bytes(data)
+        known = unpackb(data, strict_map_key=False)
+        ours, theirs = (unpackb(self.to_bytes(one), strict_map_key=False) for one in (state, before))
+        return bool(packb(_known(ours, known)) == packb(_known(theirs, known)))
+
     def from_bytes(self, data: bytes) -> EngineState:
         """The state that `to_bytes` made `data` of. Raises BadInput when it is of another interpreter or planner."""
         try:
@@ -50,6 +57,13 @@ class StateCodec:
                 "with those it was recorded with"
             ) from error
         return state
+
+
+def _known(told: Any, known: Any) -> Any:
+    """Of nested dictionaries only the keys that `known` has, too."""
+    if not (isinstance(told, dict) and isinstance(known, dict)):
+        return told
+    return {key: _known(value, known[key]) for key, value in told.items() if key in known}
 
 
 def _optional(converter: Converter, kind: type) -> Any:

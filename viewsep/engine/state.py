@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from viewsep.interfaces import Interpretation, NextView
-from viewsep.messages import Estimate, FloatArray, MoveTo, Phase, Result
+from viewsep.messages import Estimate, FloatArray, FrameMissing, MoveTo, Phase, Result
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +35,8 @@ class EngineState:
 
     `view_direction` (3,) is that of the last look, `separating_view` (3,) the one reached last; `leads` says who led
     at the last look that was judged (or -1) and at how many such looks in a row; `dwelling` means that the rig stands
-    and waits for a look.
+    and waits for a look. `missing_first` is the first of the frames that are missing now. `notes` is what was out of
+    the ordinary, of which the first `told` were published with an estimate.
     """
 
     phase: Phase = Phase.IDLE
@@ -54,5 +55,8 @@ class EngineState:
     comparisons: int = 0
     failed_moves: int = 0
     missing_frames: int = 0
+    missing_first: FrameMissing | None = None
+    notes: tuple[str, ...] = ()
+    told: int = 0
     estimate: Estimate | None = None
     result: Result | None = None

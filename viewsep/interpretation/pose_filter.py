@@ -7,7 +7,7 @@ the spread of its pose (radians); `w2` has no meaning here and is 0.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Annotated
 
 import numpy as np
@@ -17,6 +17,7 @@ from scipy.special import logsumexp, softmax
 from viewsep.geometry import angle_between, rotation_angle
 from viewsep.interfaces import Conclusion, Descriptor, Interpretation, PoseSamples
 from viewsep.interpretation.contrast import contrast, moderated
+from viewsep.interpretation.holding import Held, compared
 from viewsep.interpretation.independence import independent_share
 from viewsep.interpretation.posterior import Posterior, RotationGrid, spacing_rad_of
 from viewsep.interpretation.predictions import predictions_of
@@ -72,7 +73,7 @@ class FilterState:
     their `views` (L, 3) and `shares` (L,) of evidence, so that a parked candidate can be taken up again; `gains`
     (L, K + 1) by how much each look raised the logarithms of the probabilities, up to a constant. `calm` is the
     probability that looks are as clean as the models' views; `settled` says that a pose was known; `slips` counts how
-    often it was lost since.
+    often it was lost since; `held` is how the candidates were held when that was known last.
     """
 
     posterior: Posterior
@@ -85,6 +86,7 @@ class FilterState:
     settled: bool = False
     slips: int = 0
     count: int = 0
+    held: Held = field(default_factory=Held)
 
 
 class FilterInterpreter:
@@ -137,7 +139,8 @@ class FilterInterpreter:
         after = self._follow(after)
         after = replace(after, calm=self._calm(after, share))
         interpretation = self._interpret(after, percept, slipped, nearest2)
-        return replace(after, settled=interpretation.converged), interpretation
+        held, interpretation = compared(after.held, interpretation)
+        return replace(after, settled=interpretation.converged, held=held), interpretation
 
     @property
     def _independent_rad(self) -> float:
@@ -189,6 +192,7 @@ class FilterInterpreter:
             shares=np.ones(1),
             gains=_gains(opened, seen)[None],
             slips=before.slips + 1,
+            held=Held(),
         )
 
     def _follow(self, state: FilterState) -> FilterState:

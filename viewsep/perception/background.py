@@ -108,7 +108,7 @@ class Background:
         if gain.max() > 1.0:  # what was clipped may have been as bright as the background
             lower = _at_most(lower, np.floor(CLIPPED / gain) - model.tolerance)
         within: Array = np.asarray(cv2.inRange(even, lower, upper))
-        return Difference((~within >> 7) & ~soft_shadow(even, mean), _problem(beyond, mismatch))
+        return Difference((~within >> 7) & ~soft_shadow(even, mean), _problem(beyond, mismatch), gain)
 
     def _expected(self, near: Sequence[int], box: Box) -> tuple[Array, Array, Array]:
         """What is seen in the box at the captures `near`: mean, darkest, brightest (h, w, 3) uint8."""

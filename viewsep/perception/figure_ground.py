@@ -10,10 +10,10 @@ import cv2
 import numpy as np
 
 from viewsep.errors import BadInput
-from viewsep.messages import Array, BoolArray
+from viewsep.messages import Array, BoolArray, FloatArray
 from viewsep.perception.boxes import Box, around, whole
 from viewsep.perception.components import Component, largest_plausible
-from viewsep.perception.ground import Ground
+from viewsep.perception.ground import Difference, Ground
 from viewsep.perception.holder import Holder
 from viewsep.perception.quality import Limits, Quality, judge
 from viewsep.perception.tracking import Track, region_of_interest
@@ -24,13 +24,15 @@ class Figure:
     """The object in one picture.
 
     `mask` (H, W) bool, True on the object; `quality` says how far it can be trusted; `problem` is empty, or a sentence
-    that says why it cannot: such a mask makes no percept. `track` is to be given with the next picture.
+    that says why it cannot: such a mask makes no percept. `track` is to be given with the next picture. `light` (3,) is
+    how bright the ground is by channel, None where nobody knows.
     """
 
     mask: BoolArray
     quality: Quality
     problem: str
     track: Track
+    light: FloatArray | None = None
 
 
 class FigureGround(Protocol):
@@ -61,23 +63,24 @@ class Segmenter:
             raise BadInput(f"a picture is {image.shape} {image.dtype}; figure-ground takes (H, W, 3) uint8 RGB")
         shape = (image.shape[0], image.shape[1])
         box = region_of_interest(track, shape)
-        found, problem = self._search(image, joints, box, track)
-        if box != whole(shape) and (problem or _cut_off(found, box, shape)):
+        found, ground = self._search(image, joints, box, track)
+        if box != whole(shape) and (ground.problem or _cut_off(found, box, shape)):
             box = whole(shape)
-            found, problem = self._search(image, joints, box, track)
+            found, ground = self._search(image, joints, box, track)
         mask = np.zeros(shape, bool)
         mask[box.part] = found.mask > 0
         quality = judge(image, found, box, tuple(joints), track, self.limits)
-        problem = problem or quality.problem
+        problem = ground.problem or quality.problem
         return Figure(
             mask,
             quality,
             problem,
             track.after(_shifted(around(found.mask), box), found.area, tuple(joints), not problem),
+            None if ground.problem else ground.light,
         )
 
-    def _search(self, image: Array, joints: Sequence[float], box: Box, track: Track) -> tuple[Component, str]:
-        """The object in the box, its mask (h, w), and what is wrong with the ground."""
+    def _search(self, image: Array, joints: Sequence[float], box: Box, track: Track) -> tuple[Component, Difference]:
+        """The object in the box, its mask (h, w), and the ground."""
         ground = self.ground.difference(image, joints, box)
         differs, held = ground.differs, None
         if self.holder is not None:
@@ -89,7 +92,7 @@ class Segmenter:
         if held is not None:
             mask = np.where(held, np.uint8(0), found.mask)
             found = replace(found, mask=mask, area=int(cv2.countNonZero(mask)))
-        return found, ground.problem
+        return found, ground
 
 
 def _shifted(inner: Box | None, box: Box) -> Box | None:

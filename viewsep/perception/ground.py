@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
-from viewsep.messages import Array
+from viewsep.messages import Array, FloatArray
 from viewsep.perception.boxes import Box
 
 
@@ -14,11 +14,13 @@ from viewsep.perception.boxes import Box
 class Difference:
     """What differs from the ground in a box of a picture: `differs` (h, w) uint8 with 1 there.
 
-    `problem` is empty, or a sentence that says why the ground is not to be trusted.
+    `problem` is empty, or a sentence that says why the ground is not to be trusted. `light` (3,) is how bright the
+    ground is by channel, in a unit that does not change, None where nobody knows.
     """
 
     differs: Array
     problem: str = ""
+    light: FloatArray | None = None
 
 
 class Ground(Protocol):

@@ -39,7 +39,8 @@ class PlainBackdrop:
         smooth = cv2.blur(image[box.part], (3, 3))
         away = cv2.absdiff(smooth, ground)
         same: Array = cv2.inRange(away, np.zeros(3), np.full(3, tolerance))
-        return Difference((~same >> 7) & ~soft_shadow(smooth, ground), problem)
+        middle = np.array([image.shape[1] / 2, image.shape[0] / 2, 1.0]) @ plane
+        return Difference((~same >> 7) & ~soft_shadow(smooth, ground), problem, middle)
 
 
 def _backdrop(image: Array) -> tuple[FloatArray, float, float]:

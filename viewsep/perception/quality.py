@@ -15,6 +15,8 @@ from viewsep.perception.tracking import CREDIBLE_AFTER, Sighting, Track, turned
 ACROSS_PX = 3  # how far inside and outside of the outline colours are compared
 OUTLINE_POINTS = 160
 SEEN_GREY_LEVELS = 10.0  # a smaller difference across the outline is none
+NOTHING = "no object stands out from the background: is it in the picture?"
+GONE = "the object is gone, no object stands out from the background any more: put it back"
 GROWS_PER_RAD = 3.0  # how much the log of an object's area may change while it turns
 
 
@@ -37,11 +39,15 @@ class Limits:
 
 @dataclass(frozen=True, slots=True)
 class Quality:
-    """`score` 0 to 1: good from 0.5 on. The single scores, by what they judge, and the sentence for the worst."""
+    """`score` 0 to 1: good from 0.5 on. The single scores, by what they judge, and the sentence for the worst.
+
+    `absent` says that nothing stands out at all.
+    """
 
     score: float
     parts: dict[str, float]
     problem: str = ""
+    absent: bool = False
 
 
 def judge(image: Array, found: Component, box: Box, joints: tuple[float, ...], track: Track, limits: Limits) -> Quality:
@@ -49,7 +55,7 @@ def judge(image: Array, found: Component, box: Box, joints: tuple[float, ...], t
     share = found.area / (image.shape[0] * image.shape[1])
     if share < limits.smallest_share:
         parts = {"size": _above(share, limits.smallest_share)}
-        return Quality(parts["size"], parts, "no object stands out from the background: is it in the picture?")
+        return Quality(parts["size"], parts, GONE if track.seen else NOTHING, absent=True)
     outline = _outline(found.mask) + np.array([box.left, box.top])
     on_border = _on_border(outline, image.shape)
     jump = area_jump(Sighting(found.area, joints), track)

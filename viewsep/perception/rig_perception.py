@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -10,6 +11,7 @@ from viewsep.errors import BadInput, Timeout
 from viewsep.interfaces import Descriptor, Look
 from viewsep.kinematics import RigGeometry
 from viewsep.messages import FloatArray, Frame, JointState, Percept
+from viewsep.perception.exposure import clipped
 from viewsep.perception.finder import ObjectFinder
 from viewsep.session import Rig
 
@@ -33,9 +35,13 @@ class RigPerception:
         frame = self._rig.camera.read(newer_than_ns, timeout_s)
         try:
             history = self._history_around(frame.stamp_ns, timeout_s)
+            notes: tuple[str, ...] = ()
+            anew = ""
             if frame.mask is None and self._finder is not None:
                 frame = self._finder.find(frame, position_at(frame.stamp_ns, history).tolist())
-            return Look(frame.stamp_ns, frame, perceive(frame, history, self._rig.geometry, self._descriptor))
+                notes, anew = self._finder.notes, self._finder.anew
+            percept = perceive(frame, history, self._rig.geometry, self._descriptor)
+            return Look(frame.stamp_ns, frame, replace(percept, notes=(*notes, *_exposure(frame)), anew=anew))
         except (Timeout, BadInput) as error:
             return Look(frame.stamp_ns, frame, None, str(error))
 
@@ -59,6 +65,12 @@ def perceive(frame: Frame, history: Sequence[JointState], geometry: RigGeometry,
         feature=descriptor.describe(frame.image, frame.mask),
         view_direction=geometry.view_direction(position.tolist()),
     )
+
+
+def _exposure(frame: Frame) -> tuple[str, ...]:
+    """What is wrong with the exposure of a frame's object, if anything."""
+    note = "" if frame.mask is None else clipped(frame.image[frame.mask]).note
+    return (note,) if note else ()
 
 
 def position_at(stamp_ns: int, history: Sequence[JointState]) -> FloatArray:

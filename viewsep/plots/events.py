@@ -9,6 +9,7 @@ from viewsep.account import Account
 from viewsep.messages import (
     CancelRequested,
     DeadlinePassed,
+    Estimate,
     FrameMissing,
     Phase,
     Result,
@@ -45,8 +46,12 @@ def happenings(story: Story) -> tuple[list[Happening], int]:
 
 
 def _of_messages(story: Story) -> Iterator[tuple[int, str, str]]:
+    noted: set[int] = set()  # the estimate of the last look is published again at the end
     for recorded in story.messages:
         match recorded.message:
+            case Estimate(stamp_ns=stamp_ns, note=note) if note and stamp_ns not in noted:
+                noted.add(stamp_ns)
+                yield stamp_ns, "trouble", f"Out of the ordinary: {note}."
             case TaskStarted(stamp_ns, seed, view):
                 yield stamp_ns, "task", f"The task begins with seed {seed}; the camera looks from {seen_from(view)}."
             case FrameMissing(stamp_ns, reason):
