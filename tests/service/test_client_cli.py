@@ -235,6 +235,16 @@ def test_the_live_table_shows_probabilities_where_there_are_any(
         assert (words in drawn.getvalue()) is (probability is not None)
 
 
+def test_what_was_noted_stays_below_the_live_table(monkeypatch: pytest.MonkeyPatch) -> None:
+    drawn = io.StringIO()
+    monkeypatch.setattr(live, "people", Console(file=drawn, force_terminal=True, width=120))
+    with live.LiveTable() as table:
+        table.hear(7, replace(BELIEF, iteration=4, note="the light has changed"))
+        before = drawn.tell()
+        table.hear(8, replace(BELIEF, iteration=5))
+        assert "look 4: the light has changed" in drawn.getvalue()[before:]
+
+
 def test_watch_tells_the_task_that_has_just_ended(service: FakeService, shell: Shell) -> None:
     service.end_task("t1", "undecided", None)
     ended = shell("watch")

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from rich.live import Live
 from rich.table import Table
+from rich.text import Text
 
 from viewsep.cli.console import people
 from viewsep.cli.status_tables import candidate_table
@@ -16,11 +17,15 @@ from viewsep.service.board import candidate_status
 
 
 class LiveTable:
-    """A `Listener` that redraws candidates, ratings, poses and phase; on terminals only. `truth` is marked."""
+    """A `Listener` that redraws candidates, ratings, poses, phase and whatever was noted; on terminals only.
+
+    `truth` is marked.
+    """
 
     def __init__(self, truth: str = "") -> None:
         self._truth = truth
         self._view = ""
+        self._notes: list[str] = []
         self._live = Live(console=people, auto_refresh=False, transient=True)
         self._active = people.is_terminal
 
@@ -40,6 +45,8 @@ class LiveTable:
             azimuth, elevation = np.degrees(azimuth_elevation(message.percept.view_direction))
             self._view = f"view az {azimuth:.0f}° el {elevation:.0f}°"
         elif isinstance(message, Estimate):
+            if message.note:
+                self._notes.append(f"look {message.iteration}: {message.note}")
             self._live.update(self._table(message), refresh=True)
 
     def _table(self, estimate: Estimate) -> Table:
@@ -47,4 +54,6 @@ class LiveTable:
             f"look {estimate.iteration}, {estimate.phase}, {self._view}, travel {np.degrees(estimate.travel_rad):.0f}°"
         )
         candidates = tuple(map(candidate_status, estimate.candidates))
-        return candidate_table(candidates, estimate.unknown, title, self._truth)
+        table = candidate_table(candidates, estimate.unknown, title, self._truth)
+        table.caption = Text("\n".join(self._notes))
+        return table
