@@ -14,7 +14,7 @@ from viewsep.engine.keyframe import StateCodec
 from viewsep.engine.state import EngineState
 from viewsep.geometry import angle_between, delaunay_edges, equidistant_sphere, random_rotation, spherical_direction
 from viewsep.interfaces import Interpretation, NextView, Planner, PoseSamples
-from viewsep.interpretation.pose_filter import FilterState
+from viewsep.interpretation.filter_state import FilterState
 from viewsep.kinematics import preset
 from viewsep.messages import CandidateEstimate, Estimate, FloatArray, Phase
 from viewsep.models.aspect_graph import AspectGraph, Provenance

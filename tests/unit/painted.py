@@ -8,7 +8,8 @@ import numpy as np
 
 from viewsep.descriptors.cch import ColourCooccurrence
 from viewsep.geometry import equidistant_sphere, view_edges
-from viewsep.interpretation.pose_filter import FilterInterpreter, FilterOptions
+from viewsep.interpretation.filter_state import FilterOptions
+from viewsep.interpretation.pose_filter import FilterInterpreter
 from viewsep.interpretation.rotation_grid import rotation_grid
 from viewsep.messages import Array, FloatArray, Percept
 from viewsep.models.aspect_graph import AspectGraph, Provenance, Trials

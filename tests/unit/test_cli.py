@@ -20,7 +20,7 @@ from viewsep import __version__
 from viewsep.cli import main
 from viewsep.cli.separate import exit_code, tell
 from viewsep.config import Config, PluginConfig, geometry_of, load_config
-from viewsep.interpretation.pose_filter import FilterOptions
+from viewsep.interpretation.filter_state import FilterOptions
 from viewsep.messages import CancelRequested, Outcome, Result
 from viewsep.models.library import load_library, save
 from viewsep.planning.information import InformationOptions

@@ -26,7 +26,7 @@ from scipy.special import expit
 
 from viewsep.geometry import random_rotation
 from viewsep.interpretation.contrast import contrast, moderated
-from viewsep.interpretation.pose_filter import FilterOptions
+from viewsep.interpretation.filter_state import FilterOptions
 from viewsep.interpretation.predictions import Predictions
 from viewsep.interpretation.view_cells import cell_of
 from viewsep.messages import FloatArray

@@ -13,7 +13,8 @@ from viewsep.engine.engine import Engine
 from viewsep.engine.state import EngineState
 from viewsep.geometry import rotation_angle
 from viewsep.interfaces import Interpretation
-from viewsep.interpretation.pose_filter import FilterInterpreter, FilterOptions, FilterState
+from viewsep.interpretation.filter_state import FilterOptions, FilterState
+from viewsep.interpretation.pose_filter import FilterInterpreter
 from viewsep.kinematics import preset
 from viewsep.messages import FloatArray, Percept
 from viewsep.models.aspect_graph import AspectGraph

@@ -10,8 +10,9 @@ from viewsep.engine.engine import Engine
 from viewsep.engine.state import EngineState
 from viewsep.geometry import angle_between, rotation_angle
 from viewsep.interfaces import Interpretation
+from viewsep.interpretation.filter_state import FilterOptions, FilterState
 from viewsep.interpretation.independence import independent_share
-from viewsep.interpretation.pose_filter import FilterInterpreter, FilterOptions, FilterState
+from viewsep.interpretation.pose_filter import FilterInterpreter
 from viewsep.kinematics import preset
 from viewsep.messages import Outcome
 from viewsep.planning.random_motion import RandomPlanner

@@ -7,22 +7,20 @@ the spread of its pose (radians); `w2` has no meaning here and is 0.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
-from typing import Annotated
+from dataclasses import replace
 
 import numpy as np
-from pydantic import Field
-from scipy.special import logsumexp, softmax
+from scipy.special import logsumexp
 
-from viewsep.geometry import angle_between, rotation_angle
+from viewsep.geometry import angle_between
 from viewsep.interfaces import Conclusion, Descriptor, Interpretation, PoseSamples
-from viewsep.interpretation.contrast import contrast, moderated
+from viewsep.interpretation.filter_state import FilterOptions, FilterState
 from viewsep.interpretation.holding import Held, compared
 from viewsep.interpretation.independence import independent_share
+from viewsep.interpretation.judgement import CLOSE, corroborated, judged
 from viewsep.interpretation.posterior import Posterior, RotationGrid, spacing_rad_of
 from viewsep.interpretation.predictions import predictions_of
-from viewsep.interpretation.refinement import refined
-from viewsep.interpretation.view_cells import cell_of
+from viewsep.interpretation.refinement import REFINED_BELOW_RAD, refined
 from viewsep.messages import Array, CandidateEstimate, Estimate, FloatArray, HypothesisViews, Outcome, Percept, Phase
 from viewsep.models.aspect_graph import AspectGraph
 
@@ -31,62 +29,7 @@ POSED = 8  # likeliest candidates whose poses are worked out
 SAMPLED, SAMPLES, FEWEST_SAMPLES = 5, 40, 8  # candidates, and rotations of all and of each, that stand for all
 PROMOTED = 8  # parked candidates that are taken up again in one step at most
 DOUBT = 0.05  # least weight of a plausible candidate's samples
-REFINED_BELOW_RAD = np.radians(15.0)  # of spread: else there is more than one way to hold it
-NO_BETTER = 3.0  # logarithms of probabilities: about as likely as none of them
-CLOSE = 60.0  # logarithms of probabilities: nearer candidates are compared with the first one look by look
-ALIKE_RAD = np.radians(8.0)  # between the poses of two models that err alike
-PLACE_RAD = np.radians(12.0)  # around a view that must not decide alone who it is
-REGION_RAD = np.radians(45.0)  # nor that it is nobody: a model may be wrong in a whole region
 CALM_BOUNDS = (0.02, 0.98)  # of the probability that looks are clean: the light may change
-
-
-@dataclass(frozen=True, slots=True)
-class FilterOptions:
-    """Settings of the pose filter.
-
-    `rotations` is the size of the grid; `independent_after_deg` how far apart on a path looks count as about one each;
-    `confidence` the probability at which a candidate is named, if it keeps that of `corroborated` without the looks
-    from any one place; `unknown_prior` that of an object that is no candidate; `floor` how far below its candidate's
-    best a rotation's log-probability may fall, so that a slip can be recovered from; a pose is known when its spread is
-    below `pose_within_deg`; `motion_noise_deg` how far the object may turn in its holder, or the rig be wrong, between
-    two independent looks; `followed` how many candidates' rotations are followed at once; `slips` how often a pose may
-    be lost and searched anew.
-    """
-
-    rotations: Annotated[int, Field(ge=1000, le=200_000)] = 12_000
-    independent_after_deg: Annotated[float, Field(gt=0, le=90)] = 10.0
-    confidence: Annotated[float, Field(gt=0.5, lt=1)] = 0.99
-    corroborated: Annotated[float, Field(ge=0, lt=1)] = 0.8
-    unknown_prior: Annotated[float, Field(ge=0, lt=1)] = 0.05
-    floor: Annotated[float, Field(gt=1, le=200)] = 25.0
-    pose_within_deg: Annotated[float, Field(gt=0, le=90)] = 12.0
-    motion_noise_deg: Annotated[float, Field(ge=0, le=45)] = 1.0
-    followed: Annotated[int, Field(ge=2, le=10_000)] = 24
-    slips: Annotated[int, Field(ge=0, le=100)] = 3
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class FilterState:
-    """The posterior, and what it was made of since the pose was searched last.
-
-    `prior` (K + 1,) are the probabilities of the candidates and of none of them then; `looks` (L, M) projected,
-    their `views` (L, 3) and `shares` (L,) of evidence, so that a parked candidate can be taken up again; `gains`
-    (L, K + 1) by how much each look raised the logarithms of the probabilities, up to a constant. `calm` is the
-    probability that looks are as clean as the models' views; `settled` says that a pose was known; `slips` counts how
-    often it was lost since; `held` is how the candidates were held when that was known last.
-    """
-
-    posterior: Posterior
-    prior: FloatArray
-    looks: Array
-    views: FloatArray
-    shares: FloatArray
-    gains: Array
-    calm: float = 0.5
-    settled: bool = False
-    slips: int = 0
-    count: int = 0
-    held: Held = field(default_factory=Held)
 
 
 class FilterInterpreter:
@@ -246,9 +189,9 @@ class FilterInterpreter:
         posed = [int(k) for k in order if int(k) in followed][:POSED]
         rotations, variance = self._poses(state, posed)
         limit = np.radians(self.options.pose_within_deg) ** 2
-        *probabilities, none = self._moderated(state, posed, rotations, variance).tolist()
+        *probabilities, none = judged(self.predictions, self.options, state, posed, rotations, variance).tolist()
         probability = np.array(probabilities)
-        leader = int(order[0]) if self._sure(state, int(order[0]), probability) else -1
+        leader = int(order[0]) if corroborated(self.options, state, int(order[0]), probability) else -1
         plausible = probability > 0.01 * probability.max()
         plausible[order[:2]] = True
         fit = self.predictions.fit(nearest2)
@@ -303,56 +246,6 @@ class FilterInterpreter:
                 seen = state.looks, state.views, state.shares
                 rotations[k], variance[k] = refined(self.predictions, k, rotations[k], *seen)
         return rotations, variance
-
-    def _moderated(
-        self, state: FilterState, posed: Sequence[int], rotations: FloatArray, variance: FloatArray
-    ) -> FloatArray:
-        """(K + 1,) probabilities of all candidates and none of them, given that models err between their views.
-
-        They do not where both have their views in the same places and are held alike: there the errors cancel. And a
-        candidate that explains the looks no better than none of them does is no look-alike whose views could err. None
-        of them is as probable as without the region that speaks most for it: a model may be wrong in a whole region.
-        """
-        log, leader = state.posterior.log_shares(), posed[0]
-        gained = state.gains.sum(axis=0, dtype=np.float64)
-        with np.errstate(divide="ignore"):
-            no_better = gained[leader] - gained[-1] + np.log(state.prior[leader]) - np.log(state.prior[-1]) - NO_BETTER
-        layout = self.predictions.layout
-        alike = np.append(layout == layout[leader], True)  # none of them has no views that could err
-        for k in posed:
-            alike[k] &= float(rotation_angle(rotations[k], rotations[leader])) < ALIKE_RAD
-        evidence = log[leader] - log
-        alike |= evidence > no_better
-        error2 = np.where(alike, 0.0, 2.0 * self.predictions.log_error2 * state.shares.sum())
-        for k in posed[1:]:
-            if not alike[k] and evidence[k] < CLOSE and max(variance[k], variance[leader]) < REFINED_BELOW_RAD**2:
-                cells, others = (cell_of(*(state.views @ rotations[who]).T) for who in (leader, k))
-                told, error2[k] = contrast(self.predictions, state.looks, state.shares, leader, cells, k, others)
-                evidence[k] = told + np.log(state.prior[leader] / state.prior[k])
-        everybody: FloatArray = softmax(-moderated(evidence, error2))
-        if everybody[-1] > 1.0 - self.options.confidence:
-            none = min(everybody[-1], self._least(state, len(log) - 1, REGION_RAD))
-            everybody[:-1] *= (1.0 - none) / max(1.0 - everybody[-1], 1e-300)
-            everybody[-1] = none
-        return everybody
-
-    def _sure(self, state: FilterState, who: int, probability: FloatArray) -> bool:
-        """Whether candidate `who` is as good as certain, and no single place decides that.
-
-        A model errs in the same way wherever one looks from about the same place.
-        """
-        certain = probability[who] >= self.options.confidence
-        return bool(certain and self._least(state, who, PLACE_RAD) >= self.options.corroborated)
-
-    def _least(self, state: FilterState, who: int, apart_rad: float) -> float:
-        """The least probability of `who` (K: none of them) without the looks from around any one of them."""
-        elsewhere = state.views @ state.views.T <= np.cos(apart_rad)
-        with np.errstate(divide="ignore"):
-            without = np.repeat((np.log(state.prior[who]) - np.log(state.prior))[None], len(elsewhere), axis=0)
-        for counts, gain in zip(elsewhere.T, state.gains[:, [who]] - state.gains, strict=True):
-            without[counts] = np.clip(without[counts] + gain, -self.options.floor, self.options.floor)
-        without[:, state.prior == 0.0] = np.inf  # ruled out from the start
-        return float((1.0 / np.exp(-without).sum(axis=1)).min())
 
     def _concluded(self, state: FilterState, leader: int, probability: FloatArray, none: float) -> Conclusion | None:
         after = f"after {state.count} looks"

@@ -12,6 +12,7 @@ from viewsep.interpretation.view_cells import cell_of
 from viewsep.messages import Array, FloatArray
 
 BALLS_DEG = ((16.0, 8.0), (9.0, 3.0))  # reach and step of the rotations that are tried, around the best and then finer
+REFINED_BELOW_RAD = np.radians(15.0)  # of spread: else there is more than one way to hold it
 LATEST = 24  # looks that judge them
 LEAST_SHARE = 0.15  # of evidence of its own, for a look to be among them
 REGION_RAD = np.radians(30.0)  # within which a model errs in one way

@@ -1,0 +1,104 @@
+"""How probable everybody is, given that models may be wrong: Bayes alone takes them for the truth and is too sure."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.special import softmax
+
+from viewsep.geometry import rotation_angle
+from viewsep.interpretation.contrast import contrast, moderated
+from viewsep.interpretation.filter_state import FilterOptions, FilterState
+from viewsep.interpretation.predictions import Predictions
+from viewsep.interpretation.refinement import REFINED_BELOW_RAD
+from viewsep.interpretation.rotation_grid import rotation_grid
+from viewsep.interpretation.view_cells import cell_of
+from viewsep.messages import BoolArray, FloatArray
+
+NO_BETTER = 3.0  # logarithms of probabilities: about as likely as none of them
+CLOSE = 60.0  # logarithms of probabilities: nearer candidates are compared with the first one look by look
+ALIKE_RAD = np.radians(8.0)  # between the poses of two models that err alike
+PLACE_RAD = np.radians(12.0)  # around a view that must not decide alone who it is
+REGION_RAD = np.radians(45.0)  # nor that it is nobody: a model may be wrong in a whole region
+
+
+def judged(
+    predictions: Predictions,
+    options: FilterOptions,
+    state: FilterState,
+    posed: Sequence[int],
+    rotations: FloatArray,
+    variance: FloatArray,
+) -> FloatArray:
+    """(K + 1,) probabilities of all candidates and none of them, given that models err between their views.
+
+    `posed` are the likeliest candidates that are followed, in order; `rotations` (K, 3, 3) and `variance` (K,) are
+    theirs. None of them is as probable as without the region that speaks most for it.
+    """
+    everybody = _moderated(predictions, options, state, posed, rotations, variance)
+    if everybody[-1] > 1.0 - options.confidence:
+        none = min(everybody[-1], least_probability(options, state, len(everybody) - 1, REGION_RAD))
+        everybody[:-1] *= (1.0 - none) / max(1.0 - everybody[-1], 1e-300)
+        everybody[-1] = none
+    return everybody
+
+
+def corroborated(options: FilterOptions, state: FilterState, who: int, probability: FloatArray) -> bool:
+    """Whether candidate `who` is as good as certain by `probability` (K,), and no single place decides that.
+
+    A model errs in the same way wherever one looks from about the same place.
+    """
+    certain = probability[who] >= options.confidence
+    return bool(certain and least_probability(options, state, who, PLACE_RAD) >= options.corroborated)
+
+
+def least_probability(options: FilterOptions, state: FilterState, who: int, apart_rad: float) -> float:
+    """The least probability of `who` (K: none of them) without the looks from around any one of them."""
+    elsewhere = state.views @ state.views.T <= np.cos(apart_rad)
+    with np.errstate(divide="ignore"):
+        without = np.repeat((np.log(state.prior[who]) - np.log(state.prior))[None], len(elsewhere), axis=0)
+    for counts, gain in zip(elsewhere.T, state.gains[:, [who]] - state.gains, strict=True):
+        without[counts] = np.clip(without[counts] + gain, -options.floor, options.floor)
+    without[:, state.prior == 0.0] = np.inf  # ruled out from the start
+    return float((1.0 / np.exp(-without).sum(axis=1)).min())
+
+
+def _moderated(
+    predictions: Predictions,
+    options: FilterOptions,
+    state: FilterState,
+    posed: Sequence[int],
+    rotations: FloatArray,
+    variance: FloatArray,
+) -> FloatArray:
+    """(K + 1,) probabilities averaged over how wrong the evidence for the likeliest candidate may be.
+
+    It is not where both models have their views in the same places and are held alike: there the errors cancel. And a
+    candidate that explains the looks no better than none of them does is no look-alike whose views could err.
+    """
+    log, leader = state.posterior.log_shares(), posed[0]
+    gained = state.gains.sum(axis=0, dtype=np.float64)
+    with np.errstate(divide="ignore"):
+        no_better = gained[leader] - gained[-1] + np.log(state.prior[leader]) - np.log(state.prior[-1]) - NO_BETTER
+    alike = np.append(predictions.layout == predictions.layout[leader], True)  # none of them has no views that err
+    for k in posed:
+        alike[k] &= float(rotation_angle(rotations[k], rotations[leader])) < ALIKE_RAD
+    evidence = log[leader] - log
+    alike |= evidence > no_better
+    error2 = np.where(alike, 0.0, 2.0 * predictions.log_error2 * state.shares.sum())
+    for k in (k for k in posed[1:] if not alike[k]):
+        foreseen = state.shares * _foreseen(predictions, options, state, k)
+        error2[k] = 2.0 * predictions.log_error2 * foreseen.sum()
+        if evidence[k] < CLOSE and max(variance[k], variance[leader]) < REFINED_BELOW_RAD**2:
+            cells, others = (cell_of(*(state.views @ rotations[who]).T) for who in (leader, k))
+            told, error2[k] = contrast(predictions, state.looks, state.shares, leader, cells, k, others)
+            evidence[k] = told + np.log(state.prior[leader] / state.prior[k])
+    return np.asarray(softmax(-moderated(evidence, error2)))
+
+
+def _foreseen(predictions: Predictions, options: FilterOptions, state: FilterState, k: int) -> BoolArray:
+    """(L,) which looks a candidate has views for, held as is likeliest: elsewhere it foretells nothing."""
+    rotation = int(np.argmax(state.posterior.log_p[np.searchsorted(state.posterior.active, k)]))
+    seen = state.views @ rotation_grid(options.rotations)[rotation]
+    return np.asarray(predictions.known(k, cell_of(*seen.T)))
