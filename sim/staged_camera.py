@@ -139,5 +139,5 @@ class StagedCamera:
         return self._stage.exposed(picture, mask, self._joints_at(stamp_ns), stamp_ns, sequence)
 
     def _lost(self, sequence: int) -> bool:
-        rng = np.random.default_rng([self._stage.staging.seed, 26, sequence])
+        rng = np.random.default_rng([*self._stage.staging.chance, 26, sequence])
         return bool(rng.random() < self._delivery.drop_rate)

@@ -25,8 +25,8 @@ from viewsep.learning import CAMERA_DIRECTION
 from viewsep.messages import Array, FloatArray
 from viewsep.planning.sweep import sweep
 from viewsep.plugins import make_descriptor
-from viewsep.rigs import SimulatedRig
-from viewsep.sim.disturbances import Disturbances, constant_gains, disturbed
+from viewsep.rigs import SimulatedRig, disturbances_of
+from viewsep.sim.disturbances import constant_gains, disturbed
 
 RATIO = 0.75  # of the distances to the best and the second-best match in a stored picture
 Picture = tuple[Array, Array]
@@ -72,7 +72,7 @@ def check_baselines(names: Sequence[str]) -> None:
 
 def _exposed(task: SeparationTask, held: SimulatedRig, views: FloatArray, setup: Setup) -> list[Picture]:
     """What the rig's camera would see from the views (N, 3), disturbances included."""
-    disturbances = Disturbances(**held.config.sim.model_dump())
+    disturbances = disturbances_of(held.config.sim)
     camera, shown = held.rig.geometry.camera_direction, views @ held.true_rotation(0)
     pictures = setup.pictures(task.source, held.config)
     try:
