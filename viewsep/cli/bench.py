@@ -9,6 +9,7 @@ from rich.table import Table
 
 from viewsep.bench.speed import measure_speed
 from viewsep.cli.bench_calibration import calibration
+from viewsep.cli.bench_chain import chain
 from viewsep.cli.bench_compensation import compensation
 from viewsep.cli.bench_masks import masks
 from viewsep.cli.bench_pose import pose
@@ -24,6 +25,7 @@ app = typer.Typer(help="Measure the method: how often it is right, what it costs
 app.command("recording")(recording)
 app.command("separation")(separation)
 app.command("calibration")(calibration)
+app.command("chain")(chain)
 app.command("compensation")(compensation)
 app.command("masks")(masks)
 app.command("pose")(pose)

@@ -46,7 +46,7 @@ def background(
     force: Annotated[bool, typer.Option(help="Replace existing files.")] = False,
     json: Json = False,
 ) -> None:
-    """Capture the empty rig, so that objects are found before it: drive through the joint angles and learn from pictures.
+    """Capture the empty rig, so that objects are found before it: drive it through its joint angles and take pictures.
 
     Take the object out first. The file is what `perception.background` names, with perception.method = "background";
     that of --holder is what `perception.holder` names, with "plain". Changed light or a moved camera need new ones.

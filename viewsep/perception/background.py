@@ -15,7 +15,7 @@ from viewsep.perception.angles import Angles
 from viewsep.perception.boxes import Box, around
 from viewsep.perception.ground import Difference
 from viewsep.perception.light import gains, places, samples, scaled
-from viewsep.perception.shadow import soft_shadow
+from viewsep.perception.shadow import shaded_print, soft_shadow
 
 SMOOTH = (3, 3)
 SHAKE = np.ones((3, 3), np.uint8)  # the camera may be off by a pixel
@@ -108,7 +108,9 @@ class Background:
         if gain.max() > 1.0:  # what was clipped may have been as bright as the background
             lower = _at_most(lower, np.floor(CLIPPED / gain) - model.tolerance)
         within: Array = np.asarray(cv2.inRange(even, lower, upper))
-        return Difference((~within >> 7) & ~soft_shadow(even, mean), _problem(beyond, mismatch))
+        shadow = soft_shadow(even, mean)
+        shadow |= shaded_print(even, lower, upper, shadow, mean)
+        return Difference((~within >> 7) & ~shadow, _problem(beyond, mismatch))
 
     def _expected(self, near: Sequence[int], box: Box) -> tuple[Array, Array, Array]:
         """What is seen in the box at the captures `near`: mean, darkest, brightest (h, w, 3) uint8."""
