@@ -21,8 +21,19 @@ from viewsep.interpretation.independence import independent_share
 from viewsep.interpretation.posterior import Posterior, RotationGrid, spacing_rad_of
 from viewsep.interpretation.predictions import predictions_of
 from viewsep.interpretation.refinement import refined
+from viewsep.interpretation.rotation_grid import rotation_grid
 from viewsep.interpretation.view_cells import cell_of
-from viewsep.messages import Array, CandidateEstimate, Estimate, FloatArray, HypothesisViews, Outcome, Percept, Phase
+from viewsep.messages import (
+    Array,
+    BoolArray,
+    CandidateEstimate,
+    Estimate,
+    FloatArray,
+    HypothesisViews,
+    Outcome,
+    Percept,
+    Phase,
+)
 from viewsep.models.aspect_graph import AspectGraph
 
 SHOWN = 50  # hypotheses per candidate that are shown to people
@@ -319,12 +330,20 @@ class FilterInterpreter:
         evidence = log[leader] - log
         alike |= evidence > no_better
         error2 = np.where(alike, 0.0, 2.0 * self.predictions.log_error2 * state.shares.sum())
+        for k in (k for k in posed[1:] if not alike[k]):
+            error2[k] = 2.0 * self.predictions.log_error2 * (state.shares * self._foreseen(state, k)).sum()
         for k in posed[1:]:
             if not alike[k] and evidence[k] < CLOSE and max(variance[k], variance[leader]) < REFINED_BELOW_RAD**2:
                 cells, others = (cell_of(*(state.views @ rotations[who]).T) for who in (leader, k))
                 told, error2[k] = contrast(self.predictions, state.looks, state.shares, leader, cells, k, others)
                 evidence[k] = told + np.log(state.prior[leader] / state.prior[k])
         return np.asarray(softmax(-moderated(evidence, error2)))
+
+    def _foreseen(self, state: FilterState, k: int) -> BoolArray:
+        """(L,) which looks a candidate has views for, held as is likeliest: elsewhere it foretells nothing."""
+        rotation = int(np.argmax(state.posterior.log_p[np.searchsorted(state.posterior.active, k)]))
+        seen = state.views @ rotation_grid(self.options.rotations)[rotation]
+        return np.asarray(self.predictions.known(k, cell_of(*seen.T)))
 
     def _sure(self, state: FilterState, who: int, probability: FloatArray, none: float) -> bool:
         """Whether `who` (K: none of them) is as good as certain, and no single place, or region, decides that.
