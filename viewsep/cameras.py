@@ -5,6 +5,7 @@ from __future__ import annotations
 from viewsep.clock import MonotonicClock
 from viewsep.config import Config, geometry_of
 from viewsep.drivers.v4l2.camera import V4l2Camera
+from viewsep.drivers.v4l2.system import THIS_MACHINE
 from viewsep.interfaces import CameraSource
 from viewsep.sim.camera import SimCamera
 from viewsep.sim.followed import JointsAt
@@ -34,7 +35,7 @@ def simulated_camera(
 
 def real_camera(config: Config) -> V4l2Camera:
     """The camera of `[v4l2]`, not opened yet. Raises BadConfig."""
-    return V4l2Camera(v4l2_settings(config.v4l2, "the configuration"), MonotonicClock())
+    return V4l2Camera(v4l2_settings(config.v4l2, "the configuration"), MonotonicClock(), THIS_MACHINE)
 
 
 def staging_of(config: Config, seed: int) -> Staging:

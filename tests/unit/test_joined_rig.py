@@ -7,16 +7,21 @@ from typing import Any
 
 import numpy as np
 import pytest
+from fake_camera import FakeCamera
 from shell import Shell
 
 from viewsep.bench.chain import Chain, chain_config, run_chain
 from viewsep.bench.tasks import draw_tasks
 from viewsep.cameras import staging_of
 from viewsep.config import Config, geometry_of, parse_config
-from viewsep.errors import BadConfig, BadInput
+from viewsep.errors import BadConfig, BadInput, try_all
 from viewsep.kinematics import preset
+from viewsep.moves import move_and_wait
+from viewsep.perception import RigPerception
 from viewsep.perception.empty_rig import MOST, STILL, positions_for
+from viewsep.perception.setup import finder_of
 from viewsep.perception.stored import load_background, load_holder
+from viewsep.plugins import make_descriptor
 from viewsep.rigs import PictureKind, SimulatedRig, empty_rig, real_rig, rig_for
 from viewsep.sim.world import standing
 from viewsep.task import held_object
@@ -94,6 +99,28 @@ def test_a_real_camera_sees_what_is_in_the_holder() -> None:
         rig_for(real(), BOX, 0)
     with pytest.raises(BadConfig, match="the camera's device is missing"):
         real_rig(real(v4l2={}))
+
+
+def test_a_real_camera_beside_servos_makes_percepts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    device = FakeCamera(tmp_path)
+    monkeypatch.setattr("viewsep.cameras.THIS_MACHINE", device.system)
+    region = {"method": "region", "region": [8, 8, 40, 30]}
+    v4l2 = {"device": str(device.by_id), "width_px": 64, "height_px": 48, "rate_hz": 100}
+    config = real(v4l2=v4l2, perception=region, camera={"source": "v4l2", "size_px": 32})
+    rig = rig_for(config, "", 0).rig
+    rig.motion.connect()
+    try:
+        rig.camera.connect()
+        perception = RigPerception(rig, make_descriptor(config.descriptor), finder_of(config))
+        move_and_wait(rig.motion, rig.clock, [0.3])
+        look = perception.look(rig.clock.now_ns(), 2.0)  # stamps of frame and read-backs are of one clock
+        assert look.percept is not None, look.problem
+        expected = rig.geometry.view_direction(rig.motion.read_state().position_rad)
+        np.testing.assert_allclose(look.percept.view_direction, expected, atol=1e-3)
+        assert look.frame is not None
+        assert look.frame.image.shape == (32, 32, 3)
+    finally:
+        try_all((rig.motion.close, rig.camera.close))
 
 
 @pytest.mark.needs_pybullet
