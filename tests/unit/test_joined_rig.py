@@ -201,7 +201,15 @@ def test_rig_background_writes_what_is_behind_the_object(tmp_path: Path, shell: 
 def test_joints_that_do_not_show_are_found_out(tmp_path: Path, shell: Shell) -> None:
     said = shell("rig", "background", "-c", rig_file(tmp_path, "pan_tilt"), "--json").json
     assert (said["pictures"], said["joints"]) == (STILL, [])
-    assert load_background(tmp_path / "empty.npz").moving is None
+    model = load_background(tmp_path / "empty.npz")
+    assert model.moving is None
+    gripped = rig_file(tmp_path, "pan_tilt", "gripper = true\nshake_px = 0.9\n")
+    said = shell("rig", "background", "-c", gripped, "--every-deg", "45", "--force", "--json").json
+    assert (said["pictures"], said["joints"]) == (8, ["pan"])  # the stage's gripper does not tilt
+    angles = load_background(tmp_path / "empty.npz").angles
+    near, beyond = angles.nearest([0.5, np.radians(46.0)])  # so it is all the same how far it is tilted
+    assert beyond == 0.0
+    assert np.degrees(angles.joints[near[0], 1]) == pytest.approx(45.0, abs=0.5)
 
 
 @pytest.mark.needs_pybullet

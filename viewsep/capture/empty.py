@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from viewsep.errors import try_all
 from viewsep.messages import JointState
 from viewsep.perception.empty_rig import EmptyPicture, captured, positions_for, shows, tried_positions
@@ -15,7 +17,7 @@ FRAME_TIMEOUT_S = 2.0
 
 @dataclass(frozen=True, slots=True)
 class EmptyRig:
-    """Pictures of the empty rig, at all angles of the `joints` (indices) that show in them."""
+    """Pictures of the empty rig at all angles of the `joints` (indices) that show in them; those of others are NaN."""
 
     pictures: list[EmptyPicture]
     joints: tuple[int, ...]
@@ -43,8 +45,9 @@ def capture_empty(
         positions = positions_for(limits, home, joints, every_rad)
         planned(len(positions))
         pictures = []
-        for picture in captured(rig, positions, FRAME_TIMEOUT_S, watch):
-            pictures.append(picture)
+        for image, angles in captured(rig, positions, FRAME_TIMEOUT_S, watch):
+            shown = tuple(angle if joint in joints else np.nan for joint, angle in enumerate(angles))
+            pictures.append((image, shown))
             tick()
     finally:
         try_all((rig.motion.close, rig.camera.close))

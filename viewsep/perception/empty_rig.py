@@ -11,11 +11,12 @@ from viewsep.errors import BadInput
 from viewsep.interfaces import JointLimits
 from viewsep.messages import Array, FloatArray, JointState
 from viewsep.moves import move_and_wait
-from viewsep.perception.background import learn_background
+from viewsep.perception.background import changed_shares
 from viewsep.session import SETTLED_RAD, Rig
 
 STILL = 4  # pictures where nothing turns that is seen
 MOST = 720  # pictures, which have to be in memory together
+LEAST_SHARE, TIMES = 5e-4, 3.0  # of the picture, beside that by which pictures of the same position differ
 TRIED_RAD = tuple(np.radians((25.0, 50.0, 75.0)))  # from home, to see whether a joint shows
 
 EmptyPicture = tuple[Array, tuple[float, ...]]
@@ -40,17 +41,19 @@ def captured(
 
 
 def tried_positions(limits: Sequence[JointLimits], home: Sequence[float], joint: int) -> list[tuple[float, ...]]:
-    """Positions (n,) in which one joint is turned away from home, after two at home."""
+    """Positions (n,) in which one joint is turned away from home, after as many at home."""
     limit = limits[joint]
     way = 1.0 if limit.upper_rad - home[joint] >= home[joint] - limit.lower_rad else -1.0
     angles = [float(np.clip(home[joint] + way * by, limit.lower_rad, limit.upper_rad)) for by in TRIED_RAD]
     away = [(*home[:joint], angle, *home[joint + 1 :]) for angle in angles]
-    return [tuple(home), tuple(home), *away]
+    return [*[tuple(home)] * len(away), *away]
 
 
 def shows(pictures: Sequence[EmptyPicture]) -> bool:
-    """Whether pictures of one joint in several positions differ by more than light and noise explain."""
-    return learn_background(pictures).moving is not None
+    """Whether pictures of `tried_positions` differ by more than a camera that shakes explains."""
+    shares = changed_shares([image for image, _ in pictures])
+    home, away = shares[: len(TRIED_RAD) - 1], shares[len(TRIED_RAD) - 1 :]
+    return max(away) > TIMES * max(home) + LEAST_SHARE
 
 
 def positions_for(
