@@ -150,7 +150,16 @@ def changed_shares(images: Sequence[Array], noise: float = 2.0) -> list[float]:
     """Which share of each picture (H, W, 3) but the first differs from that by more than light and `noise` explain."""
     first, *others = _evened(images)
     lower, upper = _bounds(first, first, round(TOLERANCE + NOISE_MULTIPLE * noise))
-    return [cv2.countNonZero(_beyond(picture, lower, upper)) / picture[..., 0].size for picture in others]
+    clipped = [_clipped(image) for image in images]
+    return [
+        float((_beyond(picture, lower, upper) > clipped[0] + bright).mean())
+        for picture, bright in zip(others, clipped[1:], strict=True)
+    ]
+
+
+def _clipped(image: Array) -> Array:
+    """(H, W) int, 255 at and around what is too bright to compare."""
+    return np.asarray(cv2.dilate(np.asarray(image.max(axis=2) >= CLIPPED, np.uint8), SHAKE)).astype(int) * 255
 
 
 def _evened(images: Sequence[Array]) -> list[Array]:

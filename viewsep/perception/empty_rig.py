@@ -41,18 +41,18 @@ def captured(
 
 
 def tried_positions(limits: Sequence[JointLimits], home: Sequence[float], joint: int) -> list[tuple[float, ...]]:
-    """Positions (n,) in which one joint is turned away from home, after as many at home."""
+    """Positions (n,) with one joint away from home and back in turns, so that light that drifts shows in both."""
     limit = limits[joint]
     way = 1.0 if limit.upper_rad - home[joint] >= home[joint] - limit.lower_rad else -1.0
     angles = [float(np.clip(home[joint] + way * by, limit.lower_rad, limit.upper_rad)) for by in TRIED_RAD]
     away = [(*home[:joint], angle, *home[joint + 1 :]) for angle in angles]
-    return [*[tuple(home)] * len(away), *away]
+    return [position for there in away for position in (tuple(home), there)] + [tuple(home)]
 
 
 def shows(pictures: Sequence[EmptyPicture]) -> bool:
     """Whether pictures of `tried_positions` differ by more than a camera that shakes explains."""
     shares = changed_shares([image for image, _ in pictures])
-    home, away = shares[: len(TRIED_RAD) - 1], shares[len(TRIED_RAD) - 1 :]
+    away, home = shares[::2], shares[1::2]
     return max(away) > TIMES * max(home) + LEAST_SHARE
 
 
