@@ -110,7 +110,7 @@ class Background:
         within: Array = np.asarray(cv2.inRange(even, lower, upper))
         shadow = soft_shadow(even, mean)
         shadow |= shaded_print(even, lower, upper, shadow, mean)
-        return Difference((~within >> 7) & ~shadow, _problem(beyond, mismatch))
+        return Difference((~within >> 7) & ~shadow, shadow, _problem(beyond, mismatch))
 
     def _expected(self, near: Sequence[int], box: Box) -> tuple[Array, Array, Array]:
         """What is seen in the box at the captures `near`: mean, darkest, brightest (h, w, 3) uint8."""

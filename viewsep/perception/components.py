@@ -30,13 +30,16 @@ class Component:
 
 
 def largest_plausible(
-    differs: Array, bridge: Array | None = None, near: tuple[float, float] | None = None
+    differs: Array,
+    bridge: Array | None = None,
+    near: tuple[float, float] | None = None,
+    shade: Array | None = None,
 ) -> Component:
     """The largest piece of an (h, w) uint8 picture of what differs, those far from `near` (x, y) counting for less.
 
     Pieces that touch `bridge`, an (h, w) bool mask of what may hide a part of the object, belong together. The holes of
-    the piece are filled, and so are sides that look like the ground where thin lines go round them; nothing makes an
-    empty one.
+    the piece are filled, and so are sides that look like the ground where thin lines go round them, or like the ground
+    in shadow, `shade` (h, w) uint8: its own shadow lies beside an object. Nothing makes an empty one.
     """
     clean = cv2.erode(cv2.morphologyEx(differs, cv2.MORPH_OPEN, OPENING), RIM)
     if bridge is not None:
@@ -50,7 +53,7 @@ def largest_plausible(
     areas = np.array([cv2.contourArea(outline) for outline in outlines])
     best = int(np.argmax(areas * _nearness(outlines, near, max(mask.shape))))
     cv2.drawContours(mask, outlines, best, 1, cv2.FILLED)
-    mask = _with_sides(mask, outlines[best], differs)
+    mask = _with_sides(mask, outlines[best], differs if shade is None else differs | shade)
     others = np.delete(areas, best)
     rival = float(others.sum() / max(areas[best], 1.0))
     return Component(mask, int(cv2.countNonZero(mask)), rival)

@@ -39,7 +39,8 @@ class PlainBackdrop:
         smooth = cv2.blur(image[box.part], (3, 3))
         away = cv2.absdiff(smooth, ground)
         same: Array = cv2.inRange(away, np.zeros(3), np.full(3, tolerance))
-        return Difference((~same >> 7) & ~soft_shadow(smooth, ground), problem)
+        shadow = soft_shadow(smooth, ground)
+        return Difference((~same >> 7) & ~shadow, shadow, problem)
 
 
 def _backdrop(image: Array) -> tuple[FloatArray, float, float]:
