@@ -11,6 +11,7 @@ import numpy as np
 
 from viewsep.account import pose_spread_deg, telling_view_deg
 from viewsep.assembly import make_engine
+from viewsep.built_rig import BuiltRig, PictureKind, SimulatedRig
 from viewsep.calibration.compensation import compensated
 from viewsep.config import Config
 from viewsep.errors import BadInput
@@ -22,7 +23,7 @@ from viewsep.perception import RigPerception
 from viewsep.perception.setup import finder_of
 from viewsep.plugins import make_descriptor
 from viewsep.recording import in_background, task_recorder
-from viewsep.rigs import BuiltRig, PictureKind, SimulatedRig, check_held, is_real, pace_of, rig_for
+from viewsep.rigs import check_held, is_real, pace_of, rig_for
 from viewsep.session import Session
 from viewsep.sim.render_cache import RenderCache
 from viewsep.sim.source import absolute_source

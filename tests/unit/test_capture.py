@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from shell import Shell
 
+from viewsep.built_rig import SimulatedRig
 from viewsep.capture.folder import STATE_NAME, CaptureFolder
 from viewsep.capture.lesson import Lesson, learn_from_placements, photograph, shots_of
 from viewsep.capture.placements import registered
@@ -24,7 +25,7 @@ from viewsep.messages import FloatArray, JointState
 from viewsep.models.library import load_library
 from viewsep.perception import RigPerception
 from viewsep.plugins import make_descriptor
-from viewsep.rigs import SimulatedRig, simulated_rig
+from viewsep.rigs import simulated_rig
 from viewsep.sim.view_set import Use, read_view_set
 
 pytestmark = pytest.mark.needs_pybullet

@@ -12,6 +12,7 @@ from shell import Shell
 
 from viewsep.bench.chain import Chain, chain_config, run_chain
 from viewsep.bench.tasks import draw_tasks
+from viewsep.built_rig import PictureKind, SimulatedRig
 from viewsep.cameras import staging_of
 from viewsep.config import Config, geometry_of, parse_config
 from viewsep.errors import BadConfig, BadInput, try_all
@@ -22,7 +23,7 @@ from viewsep.perception.empty_rig import MOST, STILL, positions_for
 from viewsep.perception.setup import finder_of
 from viewsep.perception.stored import load_background, load_holder
 from viewsep.plugins import make_descriptor
-from viewsep.rigs import PictureKind, SimulatedRig, empty_rig, real_rig, rig_for
+from viewsep.rigs import empty_rig, real_rig, rig_for
 from viewsep.sim.world import standing
 from viewsep.task import held_object
 

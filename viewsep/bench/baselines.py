@@ -18,6 +18,7 @@ from viewsep.bench.methods import RANDOM_MOTION
 from viewsep.bench.setup import Setup
 from viewsep.bench.summary import verdict
 from viewsep.bench.tasks import SeparationTask
+from viewsep.built_rig import SimulatedRig, disturbances_of
 from viewsep.config import Config
 from viewsep.errors import BadInput
 from viewsep.geometry import angle_between, rotation_showing
@@ -25,7 +26,6 @@ from viewsep.learning import CAMERA_DIRECTION
 from viewsep.messages import Array, FloatArray
 from viewsep.planning.sweep import sweep
 from viewsep.plugins import make_descriptor
-from viewsep.rigs import SimulatedRig, disturbances_of
 from viewsep.sim.disturbances import constant_gains, disturbed
 
 RATIO = 0.75  # of the distances to the best and the second-best match in a stored picture

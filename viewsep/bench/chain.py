@@ -18,6 +18,7 @@ from viewsep.assembly import make_engine
 from viewsep.bench.journal import Row
 from viewsep.bench.summary import verdict
 from viewsep.bench.tasks import SeparationTask, names_of
+from viewsep.built_rig import SimulatedRig
 from viewsep.calibration.compensation import compensated
 from viewsep.capture.empty import capture_empty
 from viewsep.capture.lesson import Lesson, learn_from_placements, photograph
@@ -32,7 +33,7 @@ from viewsep.perception.background import learn_background
 from viewsep.perception.setup import finder_of
 from viewsep.perception.stored import save_background
 from viewsep.plugins import make_descriptor
-from viewsep.rigs import SimulatedRig, empty_rig, pace_of, simulated_rig
+from viewsep.rigs import empty_rig, pace_of, simulated_rig
 from viewsep.session import Session
 from viewsep.sim.render_cache import RenderCache
 

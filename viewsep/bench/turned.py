@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from viewsep.built_rig import disturbances_of
 from viewsep.config import Config, geometry_of
 from viewsep.geometry import rotation_showing
 from viewsep.messages import FloatArray, Percept
 from viewsep.plugins import make_descriptor
-from viewsep.rigs import disturbances_of
 from viewsep.sim.disturbances import constant_gains, disturbed
 from viewsep.sim.render import Pictures
 

@@ -12,6 +12,7 @@ from rich.markup import escape
 
 from viewsep.account import Account
 from viewsep.bench.methods import usual_planner
+from viewsep.built_rig import PictureKind
 from viewsep.cli.candidates import candidate_names
 from viewsep.cli.console import MAX_SEED, people, print_json, results
 from viewsep.cli.exit_codes import EXIT_CODES, EXIT_INTERRUPTED, EXIT_WRONG
@@ -20,7 +21,6 @@ from viewsep.cli.task_options import PoseTolerance, check_pose_tolerance
 from viewsep.config import Config, InterpreterConfig, PlannerConfig, load_config
 from viewsep.messages import Outcome
 from viewsep.models.library import load_library
-from viewsep.rigs import PictureKind
 from viewsep.session import Session
 from viewsep.task import Answer, Task, held_object, run_task
 

@@ -14,8 +14,8 @@ from viewsep.perception.boxes import Box
 class Difference:
     """What differs from the ground in a box of a picture: `differs` (h, w) uint8 with 1 there.
 
-    `shade` (h, w) uint8 is 1 where the ground seems to lie in shadow. `problem` is empty, or a sentence that says why the
-    ground is not to be trusted.
+    `shade` (h, w) uint8 is 1 where the ground seems to lie in shadow. `problem` is empty, or a sentence that says why
+    the ground is not to be trusted.
     """
 
     differs: Array
