@@ -92,6 +92,7 @@ class Chain:
     seed: int
     placements: int
     spacing_deg: float = 10.0
+    trials: float = 0.5  # further photos between the views, as a share of those
     every_deg: float = 3.0  # between pictures of the empty rig
     cache: RenderCache | None = None
 
@@ -104,7 +105,7 @@ class Chain:
 
     def learn(self, source: str, name: str) -> Learned:
         """Photograph an object in its placements, and learn it from the photos. Raises RigError, BadInput."""
-        lesson = Lesson(name, self.folder / f"{name}.photos", spacing_deg=self.spacing_deg)
+        lesson = Lesson(name, self.folder / f"{name}.photos", spacing_deg=self.spacing_deg, trials=self.trials)
         rotations, photos, skipped = [], 0, 0
         for placement in range(1, self.placements + 1):
             held = self._holding(source, self._chance(placement, *name.encode()))
@@ -127,6 +128,7 @@ class Chain:
         except RigError as error:
             return row | {"outcome": "failed", "verdict": "failed", "object": "", "reason": str(error)}
         stood = held.true_rotation(result.stamp_ns) @ truth.rotation.T
+        right = result.object == task.truth
         return row | {
             "outcome": result.outcome.value,
             "object": result.object,
@@ -135,7 +137,7 @@ class Chain:
             "looks": result.looks,
             "refused": refused.sentences,
             "travel_deg": float(np.degrees(result.travel_rad)),
-            "pose_error_deg": float(np.degrees(rotation_angle(result.rotation, stood))),
+            "pose_error_deg": float(np.degrees(rotation_angle(result.rotation, stood))) if right else None,
             "wall_s": time.monotonic() - began_s,
         }
 
