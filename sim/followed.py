@@ -18,12 +18,18 @@ class FollowedJoints:
     """A `Scene` that follows emulated or real joints: a simulated camera beside them sees what they would show."""
 
     def __init__(
-        self, geometry: RigGeometry, clock: SimClock, seed: int, disturbances: Disturbances, joints_at: JointsAt
+        self,
+        geometry: RigGeometry,
+        clock: SimClock,
+        seed: int,
+        disturbances: Disturbances,
+        joints_at: JointsAt,
+        grasp: FloatArray | None = None,
     ) -> None:
         self.geometry = geometry
         self.clock = clock
         self.disturbances = disturbances
-        self._grip = Grip(seed, disturbances)
+        self._grip = Grip(seed, disturbances, grasp)
         self._joints_at = joints_at
 
     def open(self) -> None:

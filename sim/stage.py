@@ -19,14 +19,15 @@ NEVER_S = float("inf")
 
 @dataclass(frozen=True, slots=True)
 class Staging:
-    """How the scene is set and what goes wrong in it; everything follows from `seed` and the moment.
+    """How the scene is set and what goes wrong in it; everything follows from `seed`, `occasion` and the moment.
 
     `size` (width, height) pixels; the object's picture is `object_px` wide and in the middle, moved by `offset_px`.
     `shadow` is the share of the light it takes where it is darkest. `exposure_drift` is by how much the exposure
     wanders, within a period of `drift_period_s`; `exposure_offset` is how far off it may be for good; `colour_drift`
     each colour of its own; `gain` is what the camera makes of the light. `noise` grey levels, `shake_px` the most the
     camera is off. From `removed_s` to `put_back_s` the object is gone, from `moved_s` on it is `moved_px` aside. From
-    `switched_s` on other lamps are lit, `switched_to` times as bright, more of it to one side by `switched_slope`.
+    `switched_s` on other lamps are lit, `switched_to` times as bright, more of it to one side by `switched_slope`. On
+    another `occasion` the same scene is exposed otherwise.
     """
 
     background: Literal["desk", "plain"] = "desk"
@@ -51,6 +52,12 @@ class Staging:
     switched_to: float = 0.6
     switched_slope: tuple[float, float] = (0.35, -0.2)
     seed: int = 0
+    occasion: tuple[int, ...] = ()
+
+    @property
+    def chance(self) -> tuple[int, ...]:
+        """What exposures follow from: seeds."""
+        return (self.seed, *self.occasion)
 
 
 class Stage:
@@ -70,7 +77,7 @@ class Stage:
 
         `picture` (S, S, 3) and `mask` (S, S) show the object alone; an empty mask makes an empty rig.
         """
-        s, rng = self.staging, np.random.default_rng([self.staging.seed, 24, sequence])
+        s, rng = self.staging, np.random.default_rng([*self.staging.chance, 24, sequence])
         seconds = stamp_ns * 1e-9
         scene = self._surroundings(joints)
         opacity, colours = self._placed(picture, mask, seconds)
@@ -90,7 +97,7 @@ class Stage:
 
     def exposure(self, seconds: float) -> Array:
         """(3,) float32 by which red, green and blue are too bright at a moment."""
-        s, rng = self.staging, np.random.default_rng([self.staging.seed, 25])
+        s, rng = self.staging, np.random.default_rng([*self.staging.chance, 25])
         offset = 1.0 + rng.uniform(-s.exposure_offset, s.exposure_offset)
         phases = rng.uniform(0.0, 2.0 * np.pi, 4)
         turn = 2.0 * np.pi * seconds / s.drift_period_s

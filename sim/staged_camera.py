@@ -144,5 +144,5 @@ class StagedCamera:
     def _lost(self, sequence: int) -> bool:
         if self._delivery.stalled_s <= sequence * self._period_ns * 1e-9 < self._delivery.goes_on_s:
             return True
-        rng = np.random.default_rng([self._stage.staging.seed, 26, sequence])
+        rng = np.random.default_rng([*self._stage.staging.chance, 26, sequence])
         return bool(rng.random() < self._delivery.drop_rate)

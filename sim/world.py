@@ -115,6 +115,19 @@ class Grip:
         return self.rotation
 
 
+def standing(geometry: RigGeometry, seed: int) -> FloatArray:
+    """R (3, 3), object -> control, of an object put upright on what the last joint turns, at an angle from the seed.
+
+    The mesh's z axis lies along the joint's.
+    """
+    up, axis = np.array([0.0, 0.0, 1.0]), unit(geometry.axes[-1])
+    across = np.cross(up, axis)
+    tilt = float(np.arctan2(np.linalg.norm(across), up @ axis))
+    upright = axis_rotation(unit(across) if across.any() else np.array([1.0, 0.0, 0.0]), tilt)
+    angle = float(np.random.default_rng([seed, 1]).uniform(0.0, 2.0 * np.pi))
+    return axis_rotation(axis, angle) @ upright
+
+
 class SimWorld:
     """Joints from the rig's URDF, the object in the last link with an unknown grasp, and a memory of the last seconds.
 

@@ -10,8 +10,9 @@ from contextlib import contextmanager
 import zenoh
 from ports import free_port
 
+from viewsep.built_rig import SimulatedRig
 from viewsep.config import Config
-from viewsep.rigs import SimulatedRig, simulated_rig
+from viewsep.rigs import simulated_rig
 from viewsep.service.hardware import SharedCamera, SharedMotion
 from viewsep.service.lease import Lease
 from viewsep.service.names import Keys

@@ -89,8 +89,13 @@ class DynamixelConfig(Section):
 
 
 class CameraConfig(Section):
-    """Picture size (square), exposure rate, and how much later than the exposure its stamps are."""
+    """Picture size (square), exposure rate, and how much later than the exposure its stamps are.
 
+    `source` "simulated" sees the object alone, with a mask; "staged" sees it in surroundings (`[stage]`), and "v4l2" is
+    a real camera (`[v4l2]`): neither gives a mask, so `[perception]` has to find the object.
+    """
+
+    source: Literal["simulated", "staged", "v4l2"] = "simulated"
     size_px: int = Field(default=128, ge=32, le=1024)
     rate_hz: float = Field(default=30.0, gt=0, le=1000)
     latency_s: float = Field(default=0.0, ge=-0.5, le=0.5)
@@ -143,6 +148,32 @@ class V4l2Config(Section):
     stall_s: float = Field(default=3.0, ge=1, le=60)
 
 
+class StageConfig(Section):
+    """What a staged camera sees beside the object, and what goes wrong in its pictures; see docs/perception.md.
+
+    `plate` and `gripper` turn with the last joint; left out, there is a plate where that is the only joint. `object_px`
+    is how wide the square is that the object's render takes. Desk and plate follow from `seed`; light, noise and losses
+    from the rig's seed as well.
+    """
+
+    background: Literal["desk", "plain"] = "desk"
+    plate: bool | None = None
+    gripper: bool = False
+    width_px: int = Field(default=640, ge=64, le=4096)
+    height_px: int = Field(default=480, ge=64, le=4096)
+    object_px: int = Field(default=280, ge=32, le=2048)
+    shadow: float = Field(default=0.45, ge=0, le=1)
+    exposure_drift: float = Field(default=0.08, ge=0, lt=1)
+    drift_period_s: float = Field(default=20.0, gt=0, le=3600)
+    exposure_offset: float = Field(default=0.1, ge=0, lt=1)
+    colour_drift: float = Field(default=0.02, ge=0, lt=1)
+    noise: float = Field(default=2.0, ge=0, le=100)
+    shake_px: float = Field(default=0.7, ge=0, le=50)
+    latency_s: float = Field(default=0.03, ge=0, le=5)
+    drop_rate: float = Field(default=0.0, ge=0, lt=1)
+    seed: int = Field(default=0, ge=0, le=2**62)
+
+
 class PluginConfig(Section):
     """A plug-in by name, with its own options."""
 
@@ -189,8 +220,11 @@ class TaskConfig(Section):
 
 
 class SimConfig(Section):
-    """Disturbances of the simulated rig; 0 is off."""
+    """Disturbances of the simulated rig; 0 is off. `placed` is how its object is put in: in any rotation, or upright on
+    what the last joint turns (the mesh's z axis along the joint's), at an unknown angle.
+    """
 
+    placed: Literal["anyhow", "standing"] = "anyhow"
     light: float = Field(default=0.0, ge=0, le=1)
     light_offset: float = Field(default=0.0, ge=0, lt=1)
     white_balance: float = Field(default=0.0, ge=0, lt=1)
@@ -260,6 +294,7 @@ class Config(Section):
     dynamixel: DynamixelConfig = DynamixelConfig()
     recording: RecordingConfig = RecordingConfig()
     v4l2: V4l2Config = V4l2Config()
+    stage: StageConfig = StageConfig()
 
 
 def load_config(path: Path) -> Config:
@@ -294,6 +329,7 @@ def parse_config(table: Any, origin: str) -> Config:
         )
     try:
         _check_perception(config.perception)
+        _check_camera(config)
         _check_backlash(rig)
         if rig.backend == "dynamixel":
             _check_servos(config)
@@ -322,6 +358,44 @@ def _check_perception(given: PerceptionConfig) -> None:
     if given.region is not None and (min(given.region[:2]) < 0 or min(given.region[2:]) < 1):
         raise BadConfig(
             f"key 'perception.region' = {list(given.region)}: left and top must be at least 0, width and height 1"
+        )
+
+
+def _check_camera(config: Config) -> None:
+    """Raises BadConfig when the camera does not go with the rig, or nothing finds the object in its pictures."""
+    source = config.camera.source
+    if source == "simulated":
+        return
+    said = f"key 'camera.source' = {source!r}"
+    if config.perception.method == "given":
+        raise BadConfig(
+            f"{said}: no mask comes with its pictures, but perception.method = 'given': use 'background', 'plain' or "
+            "'region' (docs/perception.md)"
+        )
+    if config.rig.backend == "photos":
+        raise BadConfig(f"{said}: a rig over photos shows those: leave the key out, or hold a mesh")
+    if source == "v4l2":
+        _check_real_camera(config, said)
+        return
+    for key in ("light", "light_offset", "white_balance", "noise", "blur_px", "mask_error", "latency_s", "drop_rate"):
+        if getattr(config.sim, key):
+            raise BadConfig(
+                f"key 'sim.{key}' = {getattr(config.sim, key):g} goes with camera.source = 'simulated': what goes "
+                "wrong in the pictures of a staged camera is in [stage]"
+            )
+
+
+def _check_real_camera(config: Config, said: str) -> None:
+    """Raises BadConfig where nothing real turns before it."""
+    if config.rig.backend != "dynamixel":
+        raise BadConfig(
+            f"{said}: it sees nothing of a simulated rig: set rig.backend = 'dynamixel' (docs/hardware.md), or source "
+            "'simulated' or 'staged'"
+        )
+    if config.dynamixel.emulated_speed != 1.0:
+        raise BadConfig(
+            f"key 'dynamixel.emulated_speed' = {config.dynamixel.emulated_speed:g}: a real camera knows no other time "
+            "than the clock's: remove the key"
         )
 
 

@@ -10,7 +10,7 @@ from viewsep.config import Config, ServoConfig, geometry_of
 from viewsep.drivers.dynamixel.motion import DynamixelMotion
 from viewsep.drivers.dynamixel.settings import BusSettings, ServoSettings
 from viewsep.errors import BadConfig, Timeout
-from viewsep.interfaces import JointLimits, MotionBackend
+from viewsep.interfaces import Clock, JointLimits, MotionBackend
 from viewsep.perception import position_at
 from viewsep.sim.clock import PacedClock, SimClock
 from viewsep.sim.dynamixel.motion import EmulatedMotion
@@ -25,14 +25,17 @@ def servo_motion(config: Config) -> tuple[DynamixelMotion, SimClock, JointsAt]:
 
     Of emulated servos the truth is known; of real ones the read-backs.
     """
+    clock = PacedClock(config.dynamixel.emulated_speed if is_emulated(config) else 1.0)
+    motion = joint_motion(config, clock)
+    return motion, clock, motion.joints_at if isinstance(motion, EmulatedMotion) else read_backs(motion, clock)
+
+
+def joint_motion(config: Config, clock: Clock) -> DynamixelMotion:
+    """The servos, real or emulated, on a clock. Raises BadConfig."""
     settings = bus_settings(config)
     if is_emulated(config):
-        clock = PacedClock(config.dynamixel.emulated_speed)
-        emulated = EmulatedMotion(settings, clock, float(np.radians(config.sim.backlash_deg)))
-        return emulated, clock, emulated.joints_at
-    clock = PacedClock(1.0)
-    motion = DynamixelMotion(settings, clock)
-    return motion, clock, read_backs(motion, clock)
+        return EmulatedMotion(settings, clock, float(np.radians(config.sim.backlash_deg)))
+    return DynamixelMotion(settings, clock)
 
 
 def is_emulated(config: Config) -> bool:

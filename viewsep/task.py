@@ -11,6 +11,7 @@ import numpy as np
 
 from viewsep.account import pose_spread_deg, telling_view_deg
 from viewsep.assembly import make_engine
+from viewsep.built_rig import BuiltRig, PictureKind, SimulatedRig
 from viewsep.calibration.compensation import compensated
 from viewsep.config import Config
 from viewsep.errors import BadInput
@@ -22,16 +23,19 @@ from viewsep.perception import RigPerception
 from viewsep.perception.setup import finder_of
 from viewsep.plugins import make_descriptor
 from viewsep.recording import in_background, task_recorder
-from viewsep.rigs import PictureKind, pace_of, rig_holding
+from viewsep.rigs import check_held, is_real, pace_of, rig_for
 from viewsep.session import Session
 from viewsep.sim.render_cache import RenderCache
+from viewsep.sim.source import absolute_source
+from viewsep.sim.view_set import is_view_set
 
 PATIENCE_S = 10.0  # a simulated rig waits for a slow disk, a real one stands still meanwhile
 
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """What to do: the object in the simulated holder (`source`), its model's name (`truth`, empty if none), the seed.
+    """What to do: the object before a simulated camera (`source`, empty before a real one), its model's name (`truth`,
+    empty where that is not known), the seed.
 
     `record` is where the recording goes, None for none.
     """
@@ -48,8 +52,8 @@ class Answer:
     """The engine's result beside the truth. `pose_error_rad` is nan where the truth is not among the candidates.
 
     `correct` says whether what was said is so, None where nothing was: `unknown` is right of what no candidate was
-    learned from, `indistinguishable` where the truth is one of those that remain. `pictures` says what the simulated
-    rig's camera showed, `rig` in words what moved and what saw.
+    learned from, `indistinguishable` where the truth is one of those that remain. Of a real camera's answers nothing is
+    known. `pictures` says what the camera showed, `rig` in words what moved and what saw.
     """
 
     task: Task
@@ -78,18 +82,27 @@ class Answer:
             "travel_deg": float(np.degrees(result.travel_rad)),
             "comparisons": result.comparisons,
             "seed": self.task.seed,
-            "simulated": True,  # the rig, or at least its camera
+            "simulated": self.pictures is not PictureKind.CAMERA,  # the rig, or at least its camera
             "rig": self.rig,
             "pictures": self.pictures.value,
             "recording": str(self.task.record) if self.task.record else None,
         }
 
 
-def held_object(models: Sequence[AspectGraph], truth: str | None, source: str | None) -> tuple[str, str]:
+def held_object(
+    models: Sequence[AspectGraph], truth: str | None, source: str | None, config: Config | None = None
+) -> tuple[str, str]:
     """Source and model name of what the simulated rig holds: `truth` names a candidate, or `source` any object.
 
-    Raises BadInput when neither or both are given, or the truth is not a candidate.
+    A candidate that was learned on the rig has no source to hold: then both are given. What is before a real camera is
+    not known, both are empty. Raises BadInput when neither is given, or what does not go together.
     """
+    if config is not None and is_real(config):
+        check_held(config, truth or source or "")
+        return "", ""
+    learned_there = {model.name for model in models if is_view_set(Path(model.provenance.source))}
+    if truth in learned_there and source is not None and not is_view_set(Path(source)):
+        return source, truth or ""
     if (truth is None) == (source is None):
         raise BadInput(
             "the simulated rig must hold something: give --truth NAME (a candidate) or --object SOURCE (a mesh, a "
@@ -116,25 +129,33 @@ def run_task(
 
     Raises BadInput, RigError. A recording is finished whatever happens.
     """
-    simulated = rig_holding(task.source, models, config, task.seed, cache)
-    config = simulated.config
+    built = rig_for(config, task.source, task.seed, models=models, cache=cache)
+    config = built.config
     engine = make_engine(config, models)
-    _check_source(task, models, simulated.object_digest)
-    rig = compensated(simulated.rig, config)
+    if isinstance(built, SimulatedRig):
+        _check_source(task, models, built.object_digest)
+    rig = compensated(built.rig, config)
     perception = RigPerception(rig, make_descriptor(config.descriptor), finder_of(config))
-    session = Session(simulated.rig, engine, perception, pace_of(config), listeners)
+    session = Session(built.rig, engine, perception, pace_of(config), listeners)
     on_start(session)
     if task.record is None:
         with session:
             result = session.run(task.seed)
     else:
         result = _run_recorded(task, task.record, config, models, session)
-    error = np.nan
-    if task.truth:
-        error = float(rotation_angle(result.rotation, simulated.true_rotation(result.stamp_ns)))
-    known = bool(task.truth) or any(m.provenance.source_digest == simulated.object_digest for m in models)
-    correct = _is_so(result, task.truth, known)
-    return Answer(task, result, correct, error, simulated.pictures, simulated.described)
+    correct, error = _scored(result, task, models, built)
+    return Answer(task, result, correct, error, built.pictures, built.described)
+
+
+def _scored(result: Result, task: Task, models: Sequence[AspectGraph], built: BuiltRig) -> tuple[bool | None, float]:
+    """Whether what was said is so, and how far the pose is off, radians; None and nan where that is not known."""
+    if not isinstance(built, SimulatedRig):
+        return None, np.nan
+    digest, error = built.object_digest, np.nan
+    if any(model.name == task.truth and model.provenance.source_digest == digest for model in models):
+        error = float(rotation_angle(result.rotation, built.true_rotation(result.stamp_ns)))
+    known = bool(task.truth) or any(model.provenance.source_digest == digest for model in models)
+    return _is_so(result, task.truth, known), error
 
 
 def _is_so(result: Result, truth: str, known: bool) -> bool | None:
@@ -167,9 +188,10 @@ def _run_recorded(task: Task, record: Path, config: Config, models: Sequence[Asp
 
 
 def _check_source(task: Task, models: Sequence[AspectGraph], digest: str) -> None:
-    """The mesh or the photos must still be those the model was learned from."""
+    """The mesh or the photos must still be those the model was learned from, unless that was on the rig."""
     for model in models:
-        if model.name == task.truth and model.provenance.source_digest != digest:
+        own = model.name == task.truth and model.provenance.source == absolute_source(task.source)
+        if own and model.provenance.source_digest != digest:
             raise BadInput(
                 f"{task.source} has changed since model {model.name!r} was learned from it: learn it again, or name "
                 "the object with --object"

@@ -6,10 +6,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 from shell import Shell
 
+from viewsep.built_rig import SimulatedRig
 from viewsep.capture.folder import STATE_NAME, CaptureFolder
 from viewsep.capture.lesson import Lesson, learn_from_placements, photograph, shots_of
 from viewsep.capture.placements import registered
@@ -24,7 +26,7 @@ from viewsep.messages import FloatArray, JointState
 from viewsep.models.library import load_library
 from viewsep.perception import RigPerception
 from viewsep.plugins import make_descriptor
-from viewsep.rigs import SimulatedRig, simulated_rig
+from viewsep.rigs import simulated_rig
 from viewsep.sim.view_set import Use, read_view_set
 
 pytestmark = pytest.mark.needs_pybullet
@@ -160,6 +162,31 @@ def test_a_bad_look_is_tried_again_and_a_view_without_a_good_one_is_skipped(tmp_
     skipped, count = photograph(lesson(tmp_path / "photos"), held.rig, failing, "here")
     assert [(one.number, one.problem) for one in skipped] == [(1, "nobody there")]
     assert failing.looks == count + 4
+
+
+class Dull:
+    """A perception that sees no print from some views: as little sharp at every look, or blurred by chance."""
+
+    def __init__(self, perception: Perception, bad: range, *, steady: bool) -> None:
+        self.perception, self.bad, self.steady, self.looks = perception, bad, steady, 0
+
+    def look(self, newer_than_ns: int, timeout_s: float) -> Look:
+        self.looks += 1
+        look = self.perception.look(newer_than_ns, timeout_s)
+        if self.looks not in self.bad:
+            return look
+        assert look.frame is not None
+        sigma = 6.0 if self.steady else 2.5 * 2.0 ** (self.looks - self.bad[0])
+        return replace(look, frame=replace(look.frame, image=cv2.GaussianBlur(look.frame.image, (0, 0), sigma)))
+
+
+@pytest.mark.parametrize(("steady", "skipped"), [(True, 0), (False, 1)])
+def test_a_side_without_print_is_not_blurred(tmp_path: Path, steady: bool, skipped: int) -> None:
+    held, perception = holding(settings())
+    dull = Dull(perception, range(7, 10), steady=steady)  # the seventh view, all attempts
+    missed, _ = photograph(lesson(tmp_path / "photos"), held.rig, dull, "here")
+    assert [one.number for one in missed] == [6][:skipped]
+    assert all("blurred" in one.problem for one in missed)
 
 
 def test_when_most_views_fail_it_stops_and_says_why(tmp_path: Path) -> None:

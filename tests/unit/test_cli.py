@@ -17,6 +17,7 @@ from seed_method import SEED_OPTIONS
 from shell import Shell
 
 from viewsep import __version__
+from viewsep.built_rig import PictureKind
 from viewsep.cli import main
 from viewsep.cli.separate import exit_code, tell
 from viewsep.config import Config, PluginConfig, geometry_of, load_config
@@ -28,7 +29,6 @@ from viewsep.planning.reachable import ReachableViews
 from viewsep.plugins import make_descriptor, make_interpreter, make_planner
 from viewsep.recordings.reader import read_recording
 from viewsep.recordings.replay import verify
-from viewsep.rigs import PictureKind
 from viewsep.session import Session
 from viewsep.task import Answer, Task, run_task
 

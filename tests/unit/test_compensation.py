@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from viewsep.built_rig import SimulatedRig
 from viewsep.calibration.compensation import HeldMotion, PunctualCamera, compensated
 from viewsep.calibration.turning import measure_timing, steps_of, ticks_of
 from viewsep.config import Config, load_config, parse_config
@@ -19,7 +20,7 @@ from viewsep.messages import JointState
 from viewsep.moves import move_and_wait
 from viewsep.perception import RigPerception
 from viewsep.plugins import make_descriptor
-from viewsep.rigs import SimulatedRig, simulated_rig
+from viewsep.rigs import simulated_rig
 
 LATENCY_S, PLAY_DEG = 0.08, 2.0
 FREE = JointLimits("pan", -np.inf, np.inf, 1.0)

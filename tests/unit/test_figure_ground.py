@@ -118,6 +118,36 @@ def test_a_soft_shadow_is_ground_and_another_colour_is_not() -> None:
     assert soft_shadow((ground * edge).astype(np.uint8), ground)[:, 38:42].sum() == 0
 
 
+def test_print_in_a_shadow_is_ground_and_print_on_an_object_is_not() -> None:
+    ground = np.full((60, 80, 3), (150, 120, 90), np.uint8)
+    for x in range(10, 80, 16):
+        ground[:, x : x + 3] = (60, 60, 60)
+    model = learn_background([(ground, [0.0])])
+    shaken = np.roll(cv2.GaussianBlur(ground, (0, 0), 0.6), 1, axis=1)  # by a pixel
+    shadow = np.clip(0.7 * shaken, 0, 255).astype(np.uint8)
+    shadow[:, 40:] = np.clip(0.7 * np.roll(shaken, 7, axis=1)[:, 40:], 0, 255).astype(np.uint8)  # lines elsewhere
+    differs = Background(model).difference(shadow, [0.0], whole(ground.shape[:2])).differs
+    assert differs[5:-5, 5:35].mean() < 0.02
+    assert differs[5:-5, 45:75].mean() > 0.2
+
+
+def test_sides_that_look_like_the_ground_belong_to_the_object() -> None:
+    differs = np.zeros((120, 160), np.uint8)
+    differs[20:60, 40:120] = differs[60:100, 100:120] = differs[90:100, 40:100] = 1  # a side does not differ, ...
+    differs[60:90, 40:42] = 1  # ... but its edge does
+    differs[70:74, 40:42] = 0  # with a break
+    found = largest_plausible(differs).mask
+    assert found[25:95, 45:115].mean() > 0.98
+    half = np.zeros_like(differs)
+    half[20:100, 40:80] = half[20:36, 80:120] = half[90:100, 80:120] = 1
+    shade = np.zeros_like(differs)
+    shade[36:90, 76:118] = 1  # a side in shade within the outline
+    shade[40:110, 122:150] = 1  # and the shadow beside
+    assert largest_plausible(half, shade=shade).mask[45:85, 82:110].all()
+    assert not largest_plausible(half, shade=shade).mask[:, 124:].any()
+    assert not largest_plausible(half).mask[45:85, 90:110].any()
+
+
 @pytest.mark.parametrize("offset", [0.0, 0.1, 0.3])
 def test_the_object_is_found_on_a_desk_in_changed_light(desk: BackgroundModel, offset: float) -> None:
     overlaps, track = [], Track()

@@ -12,6 +12,7 @@ from seed_method import seed_config
 from view_sets import Angles, ring, write_view_set
 
 from viewsep.assembly import make_engine, reachable_views
+from viewsep.built_rig import PictureKind, SimulatedRig
 from viewsep.config import Config, RigConfig, SimConfig, geometry_of, parse_config
 from viewsep.errors import BadConfig, BadInput
 from viewsep.geometry import angle_between, rotation_angle, spherical_direction
@@ -19,8 +20,9 @@ from viewsep.learning import learn_view_set
 from viewsep.messages import Frame, JointState, Message, Percept, PerceptReceived
 from viewsep.models.aspect_graph import AspectGraph
 from viewsep.perception import RigPerception
+from viewsep.photo_rig import held_out, photo_rig
 from viewsep.plugins import make_descriptor
-from viewsep.rigs import PictureKind, SimulatedRig, held_out, pace_of, photo_rig, rig_holding
+from viewsep.rigs import pace_of, rig_holding
 from viewsep.session import Session
 from viewsep.sim.view_set import ViewSet, read_view_set
 

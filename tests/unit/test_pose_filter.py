@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from painted import TWIN, held, interpreter, looks, model, seen, unit
+from painted import POLE, TWIN, held, interpreter, looks, model, ring_model, seen, unit
 
 from viewsep.engine.engine import Engine
 from viewsep.engine.state import EngineState
@@ -12,7 +14,9 @@ from viewsep.geometry import angle_between, rotation_angle
 from viewsep.interfaces import Interpretation
 from viewsep.interpretation.filter_state import FilterOptions, FilterState
 from viewsep.interpretation.independence import independent_share
+from viewsep.interpretation.judgement import foreseen
 from viewsep.interpretation.pose_filter import FilterInterpreter
+from viewsep.interpretation.rotation_grid import rotation_grid
 from viewsep.kinematics import preset
 from viewsep.messages import Outcome
 from viewsep.planning.random_motion import RandomPlanner
@@ -92,6 +96,26 @@ def test_the_state_can_be_saved_and_gives_the_same_bits() -> None:
     assert engine.save(EngineState(interpretation=state, belief=belief)) == engine.save(
         EngineState(interpretation=kept, belief=again)
     )
+
+
+def test_a_model_of_a_ring_foretells_nothing_away_from_it() -> None:
+    """What it does not foretell cannot have misled it, however often one looks there."""
+    machine = interpreter(ring_model("a", 1), ring_model("b", 2), model("c", 3))
+    azimuth = np.radians(np.arange(0, 360, 10))
+    around = np.stack([np.cos(azimuth), np.sin(azimuth), np.zeros(len(azimuth))], axis=1)
+    state = machine.start()
+    for percept in seen(around, np.eye(3), 1):
+        state, _ = machine.update(state, percept)
+    assert (
+        foreseen(machine.predictions, machine.options, state, 0).mean() > 0.75
+    )  # the grid's best rotation is some degrees off
+    assert foreseen(machine.predictions, machine.options, state, 2).all()
+    grid = rotation_grid(machine.options.rotations)
+    upright = int(np.argmax(np.abs(grid @ POLE @ around.T).min(axis=1) - np.abs(grid[:, 2, 2])))
+    log_p = state.posterior.log_p.copy()
+    log_p[1, upright] = log_p[1].max() + 1.0  # as if b were likeliest with its ring across the looks
+    across = replace(state, posterior=replace(state.posterior, log_p=log_p))
+    assert 0 < foreseen(machine.predictions, machine.options, across, 1).sum() < len(around) / 2
 
 
 # ---- probabilities mean what they say ----

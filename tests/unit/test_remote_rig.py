@@ -19,7 +19,7 @@ from rig_on_zenoh import KEYS, Station, open_session, remote_rig, station, wait_
 from seed_method import seed_config
 
 from viewsep.assembly import make_engine
-from viewsep.config import CameraConfig, Config, DescriptorConfig, RigConfig, SimConfig, TaskConfig
+from viewsep.config import CameraConfig, Config, DescriptorConfig, RigConfig, SimConfig, TaskConfig, parse_config
 from viewsep.errors import BadConfig, LeaseLost, MoveRefused, NotConnected, RigError, RigLost, Timeout, UnreachableView
 from viewsep.learning import learn_objects, names_for
 from viewsep.messages import (
@@ -143,6 +143,28 @@ def test_percepts_of_pictures_are_nearly_those_of_the_rig(send: Send) -> None:
             assert truth.frame.mask is not None
             outside = look.frame.image[np.logical_not(truth.frame.mask)]
             assert (outside == 255).mean() > (0.9 if send == "crop" else 0.0)
+
+
+@pytest.mark.parametrize("send", ["descriptor", "image"])
+def test_in_pictures_without_masks_the_object_is_found_at_the_rigs_side(send: Send) -> None:
+    tables = {
+        "camera": {"source": "staged", "size_px": 64},
+        "perception": {"method": "plain"},
+        "stage": {"background": "plain", "plate": False},
+        "rig": {"preset": "turntable"},
+    }
+    config = parse_config(tables, "test")
+    with station(config) as here, remote_rig(here) as remote, lent(remote) as rig:
+        assert remote.config(Config()) == Config.model_validate(tables)
+        look = remote.perception(config.descriptor, send).look(rig.clock.now_ns(), 1.0)
+        assert look.problem == ""
+        assert look.percept is not None
+        assert look.percept.feature.shape == (make_descriptor(config.descriptor).size,)
+        if send == "image":
+            assert look.frame is not None
+            assert look.frame.mask is not None
+            assert look.frame.image.shape == (64, 64, 3)
+            assert 0.1 < look.frame.mask.mean() < 0.8
 
 
 def test_what_the_rig_is_comes_over_exactly() -> None:

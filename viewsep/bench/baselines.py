@@ -18,6 +18,7 @@ from viewsep.bench.methods import RANDOM_MOTION
 from viewsep.bench.setup import Setup
 from viewsep.bench.summary import verdict
 from viewsep.bench.tasks import SeparationTask
+from viewsep.built_rig import SimulatedRig, disturbances_of
 from viewsep.config import Config
 from viewsep.errors import BadInput
 from viewsep.geometry import angle_between, rotation_showing
@@ -25,8 +26,7 @@ from viewsep.learning import CAMERA_DIRECTION
 from viewsep.messages import Array, FloatArray
 from viewsep.planning.sweep import sweep
 from viewsep.plugins import make_descriptor
-from viewsep.rigs import SimulatedRig
-from viewsep.sim.disturbances import Disturbances, constant_gains, disturbed
+from viewsep.sim.disturbances import constant_gains, disturbed
 
 RATIO = 0.75  # of the distances to the best and the second-best match in a stored picture
 Picture = tuple[Array, Array]
@@ -78,7 +78,7 @@ def exposed_sweep(
     reachable = reachable_views(held.config.rig).directions
     start = reachable[np.random.default_rng(task.seed).integers(len(reachable))]  # where the planners start too
     views = sweep(reachable, start, looks)
-    disturbances = Disturbances(**held.config.sim.model_dump())
+    disturbances = disturbances_of(held.config.sim)
     camera, shown = held.rig.geometry.camera_direction, views @ held.true_rotation(0)
     pictures = setup.pictures(task.source, held.config)
     try:

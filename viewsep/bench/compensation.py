@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from viewsep.assembly import make_engine
+from viewsep.built_rig import SimulatedRig
 from viewsep.calibration.compensation import PunctualCamera, compensated
 from viewsep.calibration.latency import Interval, Timing, agreed
 from viewsep.calibration.turning import measure_timing
@@ -19,7 +20,7 @@ from viewsep.messages import Outcome
 from viewsep.models.aspect_graph import AspectGraph
 from viewsep.perception import RigPerception
 from viewsep.plugins import make_descriptor
-from viewsep.rigs import SimulatedRig, pace_of, simulated_rig
+from viewsep.rigs import pace_of, simulated_rig
 from viewsep.session import Session
 
 VIEWS = 100

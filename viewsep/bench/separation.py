@@ -18,6 +18,7 @@ from viewsep.bench.stopwatch import TimedEngine
 from viewsep.bench.summary import verdict
 from viewsep.bench.symmetry import symmetries
 from viewsep.bench.tasks import SeparationTask
+from viewsep.built_rig import SimulatedRig
 from viewsep.calibration.compensation import compensated
 from viewsep.engine.engine import Engine
 from viewsep.errors import RigError
@@ -26,7 +27,7 @@ from viewsep.messages import FloatArray, Result
 from viewsep.models.aspect_graph import AspectGraph
 from viewsep.perception import RigPerception
 from viewsep.plugins import make_descriptor
-from viewsep.rigs import SimulatedRig, pace_of
+from viewsep.rigs import pace_of
 from viewsep.session import Session
 
 EngineType = TypeVar("EngineType", bound=Engine)

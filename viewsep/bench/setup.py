@@ -8,11 +8,12 @@ from pathlib import Path
 
 import numpy as np
 
+from viewsep.built_rig import SimulatedRig
 from viewsep.config import CameraConfig, Config, DescriptorConfig
 from viewsep.geometry import random_rotation
 from viewsep.learning import learn_object, learn_view_set
 from viewsep.models.aspect_graph import AspectGraph
-from viewsep.rigs import SimulatedRig, rig_holding
+from viewsep.rigs import rig_holding
 from viewsep.sim.render import CameraOptics, Pictures
 from viewsep.sim.render_cache import RenderCache
 from viewsep.sim.source import object_name, open_pictures

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from viewsep.built_rig import disturbances_of
 from viewsep.config import Config, geometry_of
 from viewsep.geometry import rotation_showing
 from viewsep.messages import FloatArray, Percept
 from viewsep.plugins import make_descriptor
-from viewsep.sim.disturbances import Disturbances, constant_gains, disturbed
+from viewsep.sim.disturbances import constant_gains, disturbed
 from viewsep.sim.render import Pictures
 
 
@@ -19,7 +20,7 @@ class TurnedObject:
         self.rotation = rotation
         self._pictures = pictures
         self._descriptor = make_descriptor(config.descriptor)
-        self._disturbances = Disturbances(**config.sim.model_dump())
+        self._disturbances = disturbances_of(config.sim)
         self._camera_direction = geometry_of(config.rig).camera_direction
         self._seed = seed
 

@@ -18,6 +18,7 @@ from viewsep.session import SETTLED_RAD, Rig
 SETTLE_S = 0.2  # after the joints have come to rest: what they hold swings on
 FRAME_TIMEOUT_S = 2.0
 ATTEMPTS = 3
+STEADY = 1.25  # what is as little sharp at every attempt has no print there; shaking blurs by chance
 PREVIEW_EVERY = 10
 FEWEST_TRIED, WORST_SHARE = 6, 0.5  # when so many shots in so large a part failed, something is wrong with all
 IN_A_ROW = 10  # or so many one after the other, as when the object is gone
@@ -71,6 +72,7 @@ def _take(
     _, rested = move_and_wait(rig.motion, rig.clock, goal, watch, SETTLED_RAD)
     rig.clock.sleep_until(rested.stamp_ns + round(SETTLE_S * 1e9))
     newer_than_ns, problem, silent = rig.clock.now_ns(), "", 0
+    sharpness: list[float] = []
     for _ in range(ATTEMPTS):
         try:
             look = perception.look(newer_than_ns, FRAME_TIMEOUT_S)
@@ -82,7 +84,10 @@ def _take(
             problem = look.problem or "there is no mask of the object"
             continue
         quality = photo_quality(look.frame.image, look.frame.mask)
-        problem = quality.problem([photo.quality.sharpness for photo in folder.photos]) or too_dark(look.frame.image)
+        sharpness.append(quality.sharpness)
+        plain = len(sharpness) == ATTEMPTS and max(sharpness) < STEADY * min(sharpness)
+        others = [] if plain else [photo.quality.sharpness for photo in folder.photos]
+        problem = quality.problem(others) or too_dark(look.frame.image)
         if not problem:
             folder.add(shot, look.percept.view_direction, look.frame, quality)
             return ""

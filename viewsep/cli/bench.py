@@ -9,6 +9,7 @@ from rich.table import Table
 
 from viewsep.bench.speed import measure_speed
 from viewsep.cli.bench_calibration import calibration
+from viewsep.cli.bench_chain import chain
 from viewsep.cli.bench_compensation import compensation
 from viewsep.cli.bench_looks import looks
 from viewsep.cli.bench_masks import masks
@@ -25,6 +26,7 @@ app = typer.Typer(help="Measure the method: how often it is right, what it costs
 app.command("recording")(recording)
 app.command("separation")(separation)
 app.command("calibration")(calibration)
+app.command("chain")(chain)
 app.command("compensation")(compensation)
 app.command("looks")(looks)
 app.command("masks")(masks)

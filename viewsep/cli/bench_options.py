@@ -112,7 +112,7 @@ def disturbances(text: str, base: SimConfig) -> SimConfig:
     try:
         return SimConfig.model_validate(base.model_dump() | given)
     except ValidationError as error:
-        known = ", ".join(SimConfig.model_fields)
+        known = ", ".join(key for key in SimConfig.model_fields if key != "placed")
         raise BadInput(f"--disturb {text!r}: {explain(error)} (there are {known})") from None
 
 

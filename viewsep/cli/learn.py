@@ -15,6 +15,7 @@ from viewsep.errors import BadInput
 from viewsep.learning import learn_objects, names_for
 from viewsep.models import library
 from viewsep.models.library import check_name
+from viewsep.rigs import is_real
 
 
 def learn(
@@ -75,11 +76,12 @@ def learn(
     if rig:
         if sources:
             raise BadInput(f"--rig learns what the rig holds: leave out {sources[0]!r}, or leave out --rig")
-        if name is None or held is None:
-            missing = "--name NAME, what the object is called" if name is None else "--object SOURCE"
-            raise BadInput(f"--rig needs {missing}{'' if name is None else ': the camera is simulated'}")
+        if name is None:
+            raise BadInput("--rig needs --name NAME, what the object is called")
+        if held is None and not is_real(settings):
+            raise BadInput("--rig needs --object SOURCE: the camera is simulated")
         folder = photos or output / f"{check_name(name)}.photos"
-        learn_on_rig(Lesson(check_name(name), folder, placement, spacing), settings, output, held, seed, json)
+        learn_on_rig(Lesson(check_name(name), folder, placement, spacing), settings, output, held or "", seed, json)
         return
     if not sources:
         raise BadInput("give at least one SOURCE to learn from, or --rig to learn what the rig holds")

@@ -13,12 +13,12 @@ from viewsep.models import library
 from viewsep.perception import RigPerception
 from viewsep.perception.setup import finder_of
 from viewsep.plugins import make_descriptor
-from viewsep.rigs import simulated_rig
+from viewsep.rigs import rig_for
 
 
 def learn_on_rig(lesson: Lesson, config: Config, output: Path, holding: str, seed: int, json: bool) -> None:
     """Photograph the object, learn its model, and say what was done."""
-    held = simulated_rig(config, holding, seed + lesson.placement)
+    held = rig_for(config, holding, seed + lesson.placement)
     rig = compensated(held.rig, config)
     perception = RigPerception(rig, make_descriptor(config.descriptor), finder_of(config))
     with interrupt_noted() as ended:

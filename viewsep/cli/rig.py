@@ -5,6 +5,7 @@ from __future__ import annotations
 import typer
 
 from viewsep.cli.default_command import DefaultsToFirst
+from viewsep.cli.rig_background import background
 from viewsep.cli.rig_board import board
 from viewsep.cli.rig_calibrate import calibrate
 from viewsep.cli.rig_calibrate_board import calibrate_board
@@ -18,7 +19,7 @@ from viewsep.cli.rig_ports import ports
 from viewsep.cli.rig_scan import scan
 
 app = typer.Typer(help="Set up a rig's servos, or emulate them.", no_args_is_help=True, rich_markup_mode="markdown")
-for command in (ports, scan, doctor, init, jog, home, emulate, board):
+for command in (ports, scan, doctor, init, jog, home, emulate, board, background):
     app.command()(command)
 
 calibrating = typer.Typer(

@@ -18,7 +18,7 @@ from viewsep.cli.service_options import Json
 from viewsep.config import load_config
 from viewsep.config_file import set_timing
 from viewsep.errors import BadInput, try_all
-from viewsep.rigs import simulated_rig
+from viewsep.rigs import is_real, rig_for
 
 UNSURE_S, UNSURE_DEG = 0.02, 0.5  # wider intervals are not stored
 
@@ -26,8 +26,13 @@ UNSURE_S, UNSURE_DEG = 0.02, 0.5  # wider intervals are not stored
 def calibrate_camera(
     config: Annotated[Path, typer.Option(help="The rig's configuration.", show_default=False)],
     object_: Annotated[
-        str, typer.Option("--object", help="What a simulated camera sees in the holder, as for `viewsep learn`.")
-    ] = "generated:7",
+        str | None,
+        typer.Option(
+            "--object",
+            help="What a simulated camera sees in the holder, as for `viewsep learn`.",
+            show_default="generated:7",
+        ),
+    ] = None,
     seed: Annotated[int, typer.Option(min=0, max=MAX_SEED, help="Seed of how it is held, in simulation.")] = 0,
     keep: Annotated[bool, typer.Option("--keep", help="Leave the configuration as it is.")] = False,
     json: Json = False,
@@ -43,8 +48,9 @@ def calibrate_camera(
 
         viewsep rig calibrate camera --config rig.toml --keep --json
     """
-    simulated = simulated_rig(load_config(config), object_, seed)
-    rig = simulated.rig
+    settings = load_config(config)
+    built = rig_for(settings, object_ or ("" if is_real(settings) else "generated:7"), seed)
+    rig = built.rig
     limits = rig.motion.limits()
     measured: list[Timing] = []
     with interrupt_noted() as ended, progress_bar() as bar:
@@ -63,10 +69,10 @@ def calibrate_camera(
     names = [limit.name for limit in limits]
     latency = agreed([one.latency_s for one in measured])
     if json:
-        print_json({"rig": simulated.described, "latency_s": _interval(latency), "joints": _rows(names, measured)})
+        print_json({"rig": built.described, "latency_s": _interval(latency), "joints": _rows(names, measured)})
     else:
         results.print(_table(names, measured))
-        people.print(f"seen by: {simulated.described}", soft_wrap=True, highlight=False)
+        people.print(f"seen by: {built.described}", soft_wrap=True, highlight=False)
     _check(names, measured, latency)
     if keep:
         return

@@ -12,6 +12,7 @@ from rich.markup import escape
 
 from viewsep.account import Account
 from viewsep.bench.methods import usual_planner
+from viewsep.built_rig import PictureKind
 from viewsep.cli.candidates import candidate_names
 from viewsep.cli.console import MAX_SEED, people, print_json, results
 from viewsep.cli.exit_codes import EXIT_CODES, EXIT_INTERRUPTED, EXIT_WRONG
@@ -20,7 +21,6 @@ from viewsep.cli.task_options import PoseTolerance, check_pose_tolerance
 from viewsep.config import Config, InterpreterConfig, PlannerConfig, load_config
 from viewsep.messages import Outcome
 from viewsep.models.library import load_library
-from viewsep.rigs import PictureKind
 from viewsep.session import Session
 from viewsep.task import Answer, Task, held_object, run_task
 
@@ -45,6 +45,9 @@ def separate(
 ) -> None:
     """Turn the object until one candidate stands out, and say which it is.
 
+    With a real camera (camera.source = "v4l2") neither --truth nor --object is given; models that were learned on a
+    simulated rig need both.
+
     Exit codes: 0 identified, 2 bad input, 3 undecided, 4 failed, 5 the answer is wrong: it is what --truth says, 6
     unknown: none of the candidates, 7 indistinguishable: one of several that no view this rig can show tells apart, 130
     interrupted.
@@ -59,7 +62,7 @@ def separate(
     """
     settings = _chosen(load_config(config) if config else Config(), interpreter, planner, pose_tolerance)
     known = load_library(models, candidate_names(candidates))
-    held, name = held_object(known, truth, source)
+    held, name = held_object(known, truth, source, settings)
     task = Task(held, name, seed, record, force)
     interrupted: list[int] = []
     with LiveTable(name) as table:

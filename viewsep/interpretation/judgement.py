@@ -64,6 +64,13 @@ def least_probability(options: FilterOptions, state: FilterState, who: int, apar
     return float((1.0 / np.exp(-without).sum(axis=1)).min())
 
 
+def foreseen(predictions: Predictions, options: FilterOptions, state: FilterState, k: int) -> BoolArray:
+    """(L,) which looks a candidate has views for, held as is likeliest: elsewhere it foretells nothing."""
+    rotation = int(np.argmax(state.posterior.log_p[np.searchsorted(state.posterior.active, k)]))
+    seen = state.views @ rotation_grid(options.rotations)[rotation]
+    return np.asarray(predictions.known(k, cell_of(*seen.T)))
+
+
 def _moderated(
     predictions: Predictions,
     options: FilterOptions,
@@ -75,7 +82,8 @@ def _moderated(
     """(K + 1,) probabilities averaged over how wrong the evidence for the likeliest candidate may be.
 
     It is not where both models have their views in the same places and are held alike: there the errors cancel. And a
-    candidate that explains the looks no better than none of them does is no look-alike whose views could err.
+    candidate whose pose stays open, and that explains the looks no better than none of them does, is no look-alike
+    whose views could err.
     """
     log, leader = state.posterior.log_shares(), posed[0]
     gained = state.gains.sum(axis=0, dtype=np.float64)
@@ -85,20 +93,14 @@ def _moderated(
     for k in posed:
         alike[k] &= float(rotation_angle(rotations[k], rotations[leader])) < ALIKE_RAD
     evidence = log[leader] - log
-    alike |= evidence > no_better
+    settled = np.append((variance < REFINED_BELOW_RAD**2) & (variance[leader] < REFINED_BELOW_RAD**2), False)
+    alike |= (evidence > no_better) & ~(settled & (evidence < CLOSE))
     error2 = np.where(alike, 0.0, 2.0 * predictions.log_error2 * state.shares.sum())
     for k in (k for k in posed[1:] if not alike[k]):
-        foreseen = state.shares * _foreseen(predictions, options, state, k)
-        error2[k] = 2.0 * predictions.log_error2 * foreseen.sum()
-        if evidence[k] < CLOSE and max(variance[k], variance[leader]) < REFINED_BELOW_RAD**2:
+        expected = state.shares * foreseen(predictions, options, state, k)
+        error2[k] = 2.0 * predictions.log_error2 * expected.sum()
+        if evidence[k] < CLOSE and settled[k]:
             cells, others = (cell_of(*(state.views @ rotations[who]).T) for who in (leader, k))
             told, error2[k] = contrast(predictions, state.looks, state.shares, leader, cells, k, others)
             evidence[k] = told + np.log(state.prior[leader] / state.prior[k])
     return np.asarray(softmax(-moderated(evidence, error2)))
-
-
-def _foreseen(predictions: Predictions, options: FilterOptions, state: FilterState, k: int) -> BoolArray:
-    """(L,) which looks a candidate has views for, held as is likeliest: elsewhere it foretells nothing."""
-    rotation = int(np.argmax(state.posterior.log_p[np.searchsorted(state.posterior.active, k)]))
-    seen = state.views @ rotation_grid(options.rotations)[rotation]
-    return np.asarray(predictions.known(k, cell_of(*seen.T)))

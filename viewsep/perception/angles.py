@@ -16,7 +16,10 @@ ROOM = 1.5  # times the spacing of the captures: as far from them a picture is s
 
 @dataclass(frozen=True, eq=False)
 class Angles:
-    """Joint angles (K, n) in radians. `turns` (n,) bool: joints for which a whole turn changes nothing."""
+    """Joint angles (K, n) in radians, NaN of joints that do not show: any angle of theirs is as good.
+
+    `turns` (n,) bool: joints for which a whole turn changes nothing.
+    """
 
     joints: FloatArray
     turns: Array
@@ -30,7 +33,7 @@ class Angles:
             )
         away = np.abs(self.joints - np.asarray(joints, float))
         around = np.abs((away + np.pi) % (2 * np.pi) - np.pi)
-        nearest: FloatArray = np.where(self.turns, around, away).max(axis=1)
+        nearest: FloatArray = np.nan_to_num(np.where(self.turns, around, away)).max(axis=1, initial=0.0)
         return nearest
 
     @cached_property
@@ -38,7 +41,7 @@ class Angles:
         """The largest distance from a capture to the one next to it, radians; infinite for a single one."""
         if len(self.joints) < 2:
             return np.inf
-        return float(max(np.partition(self.away(joints.tolist()), 1)[1] for joints in self.joints))
+        return float(max(np.partition(self.away(joints.tolist()), 1)[1] for joints in np.nan_to_num(self.joints)))
 
     def nearest(self, joints: Sequence[float]) -> tuple[list[int], float]:
         """The captures around joints (n,), nearest first, and how far the nearest is beyond what they explain, or 0."""

@@ -15,7 +15,7 @@ from viewsep.perception.angles import Angles
 from viewsep.perception.boxes import Box, around
 from viewsep.perception.ground import Difference
 from viewsep.perception.light import gains, places, samples, scaled
-from viewsep.perception.shadow import soft_shadow
+from viewsep.perception.shadow import shaded_print, soft_shadow
 
 SMOOTH = (3, 3)
 SHAKE = np.ones((3, 3), np.uint8)  # the camera may be off by a pixel
@@ -61,7 +61,7 @@ class BackgroundModel:
 def learn_background(
     frames: Sequence[tuple[Array, Sequence[float]]], turns: Sequence[bool] | None = None
 ) -> BackgroundModel:
-    """From pictures (H, W, 3) uint8 RGB of the empty rig with their joint angles (n,), radians.
+    """From pictures (H, W, 3) uint8 RGB of the empty rig with their joint angles (n,), NaN of joints that do not show.
 
     Pictures at the same angles are averaged, those of different exposure evened out. `turns` names the joints for which
     a whole turn changes nothing (by default all). All at the same angles make a static background. Raises BadInput.
@@ -71,10 +71,10 @@ def learn_background(
     shapes = {image.shape for image, _ in frames}
     if len(shapes) > 1:
         raise BadInput(f"pictures of the empty rig have different sizes: {sorted(shapes)}; capture them again")
-    smooth = [cv2.blur(image, SMOOTH) for image, _ in frames]
-    even = [scaled(picture, 1.0 / gains(samples(picture), samples(smooth[0]))) for picture in smooth]
+    even = _evened([image for image, _ in frames])
     joints = np.array([list(angles) for _, angles in frames], float).reshape(len(frames), -1)
-    places, member = np.unique(joints.round(6), axis=0, return_inverse=True)
+    places, member = np.unique(np.nan_to_num(joints).round(6), axis=0, return_inverse=True)
+    places[:, np.isnan(joints).all(axis=0)] = np.nan
     member = member.reshape(-1)
     pictures = [_mean([even[k] for k in np.flatnonzero(member == place)]) for place in range(len(places))]
     noise = _noise(even, member)
@@ -108,7 +108,9 @@ class Background:
         if gain.max() > 1.0:  # what was clipped may have been as bright as the background
             lower = _at_most(lower, np.floor(CLIPPED / gain) - model.tolerance)
         within: Array = np.asarray(cv2.inRange(even, lower, upper))
-        return Difference((~within >> 7) & ~soft_shadow(even, mean), _problem(beyond, mismatch), gain)
+        shadow = soft_shadow(even, mean)
+        shadow |= shaded_print(even, lower, upper, shadow, mean)
+        return Difference((~within >> 7) & ~shadow, shadow, _problem(beyond, mismatch), gain)
 
     def _expected(self, near: Sequence[int], box: Box) -> tuple[Array, Array, Array]:
         """What is seen in the box at the captures `near`: mean, darkest, brightest (h, w, 3) uint8."""
@@ -142,6 +144,34 @@ class Background:
         brightest = high * gain + room
         fits = ((seen >= darkest) & (seen <= brightest)).all(axis=1)
         return gain, 1.0 - float(fits.mean())
+
+
+def changed_shares(images: Sequence[Array], noise: float = 2.0) -> list[float]:
+    """Which share of each picture (H, W, 3) but the first differs from that by more than light and `noise` explain."""
+    first, *others = _evened(images)
+    lower, upper = _bounds(first, first, round(TOLERANCE + NOISE_MULTIPLE * noise))
+    clipped = [_clipped(image) for image in images]
+    return [
+        float((_beyond(picture, lower, upper) > clipped[0] + bright).mean())
+        for picture, bright in zip(others, clipped[1:], strict=True)
+    ]
+
+
+def _clipped(image: Array) -> Array:
+    """(H, W) int, 255 at and around what is too bright to compare."""
+    return np.asarray(cv2.dilate(np.asarray(image.max(axis=2) >= CLIPPED, np.uint8), SHAKE)).astype(int) * 255
+
+
+def _evened(images: Sequence[Array]) -> list[Array]:
+    """Smoothed, and all as bright as the first."""
+    smooth = [cv2.blur(image, SMOOTH) for image in images]
+    return [scaled(picture, 1.0 / gains(samples(picture), samples(smooth[0]))) for picture in smooth]
+
+
+def _beyond(picture: Array, lower: Array, upper: Array) -> Array:
+    """(H, W) uint8, 255 where a picture is not between the two, single lines left out."""
+    within: Array = np.asarray(cv2.inRange(picture, lower, upper))
+    return np.asarray(cv2.morphologyEx(~within, cv2.MORPH_OPEN, SHAKE))
 
 
 def _problem(beyond: float, mismatch: float) -> str:

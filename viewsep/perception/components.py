@@ -12,6 +12,7 @@ from viewsep.messages import Array
 
 OPENING = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (5, 5))
 RIM = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))  # differences are seen in smoothed pictures, a pixel too wide
+LINE = np.ones((9, 9), np.uint8)  # closes the breaks of a thin line
 CLOSING_PX = 9  # gaps up to about this width are closed
 FAR_OFF = 0.5  # what a piece as far off as the picture is wide counts for
 
@@ -29,12 +30,16 @@ class Component:
 
 
 def largest_plausible(
-    differs: Array, bridge: Array | None = None, near: tuple[float, float] | None = None
+    differs: Array,
+    bridge: Array | None = None,
+    near: tuple[float, float] | None = None,
+    shade: Array | None = None,
 ) -> Component:
     """The largest piece of an (h, w) uint8 picture of what differs, those far from `near` (x, y) counting for less.
 
     Pieces that touch `bridge`, an (h, w) bool mask of what may hide a part of the object, belong together. The holes of
-    the piece are filled; nothing makes an empty one.
+    the piece are filled, and so are sides that look like the ground where thin lines go round them, or like the ground
+    in shadow, `shade` (h, w) uint8: its own shadow lies beside an object. Nothing makes an empty one.
     """
     clean = cv2.erode(cv2.morphologyEx(differs, cv2.MORPH_OPEN, OPENING), RIM)
     if bridge is not None:
@@ -48,9 +53,25 @@ def largest_plausible(
     areas = np.array([cv2.contourArea(outline) for outline in outlines])
     best = int(np.argmax(areas * _nearness(outlines, near, max(mask.shape))))
     cv2.drawContours(mask, outlines, best, 1, cv2.FILLED)
+    mask = _with_sides(mask, outlines[best], differs if shade is None else differs | shade)
     others = np.delete(areas, best)
     rival = float(others.sum() / max(areas[best], 1.0))
     return Component(mask, int(cv2.countNonZero(mask)), rival)
+
+
+def _with_sides(mask: Array, outline: Array, differs: Array) -> Array:
+    """The piece with what its hull holds and thin lines enclose, which are too thin to be pieces themselves.
+
+    A side of an object that has the ground's colour shows its edges only; the ground within the hull shows none around.
+    """
+    hull = np.zeros_like(mask)
+    cv2.drawContours(hull, [cv2.convexHull(outline)], -1, 1, cv2.FILLED)
+    lines = cv2.morphologyEx(np.where(hull > 0, differs, np.uint8(0)), cv2.MORPH_CLOSE, LINE) | mask
+    outlines, _ = cv2.findContours(lines, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    enclosed = np.zeros_like(mask)
+    cv2.drawContours(enclosed, outlines, -1, 1, cv2.FILLED)
+    sides = cv2.morphologyEx(np.where(mask > 0, np.uint8(0), enclosed & hull), cv2.MORPH_OPEN, OPENING)
+    return np.asarray(cv2.morphologyEx(sides | mask, cv2.MORPH_CLOSE, RIM))
 
 
 def _closed(clean: Array) -> Array:

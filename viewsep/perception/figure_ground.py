@@ -88,7 +88,8 @@ class Segmenter:
             hidden = held if not self.ground.shows_holder else held & ~(differs > 0)
             differs = np.where(hidden, np.uint8(0), differs)
             held = hidden
-        found = largest_plausible(differs, held, None if track.box is None else _middle(track.box, box))
+        near = None if track.box is None else _middle(track.box, box)
+        found = largest_plausible(differs, held, near, ground.shade)
         if held is not None:
             mask = np.where(held, np.uint8(0), found.mask)
             found = replace(found, mask=mask, area=int(cv2.countNonZero(mask)))

@@ -14,11 +14,13 @@ from viewsep.perception.boxes import Box
 class Difference:
     """What differs from the ground in a box of a picture: `differs` (h, w) uint8 with 1 there.
 
-    `problem` is empty, or a sentence that says why the ground is not to be trusted. `light` (3,) is how bright the
-    ground is by channel, in a unit that does not change, None where nobody knows.
+    `shade` (h, w) uint8 is 1 where the ground seems to lie in shadow. `problem` is empty, or a sentence that says why
+    the ground is not to be trusted. `light` (3,) is how bright the ground is by channel, in a unit that stays the same,
+    None where nobody knows.
     """
 
     differs: Array
+    shade: Array
     problem: str = ""
     light: FloatArray | None = None
 

@@ -40,7 +40,8 @@ class PlainBackdrop:
         away = cv2.absdiff(smooth, ground)
         same: Array = cv2.inRange(away, np.zeros(3), np.full(3, tolerance))
         middle = np.array([image.shape[1] / 2, image.shape[0] / 2, 1.0]) @ plane
-        return Difference((~same >> 7) & ~soft_shadow(smooth, ground), problem, middle)
+        shadow = soft_shadow(smooth, ground)
+        return Difference((~same >> 7) & ~shadow, shadow, problem, middle)
 
 
 def _backdrop(image: Array) -> tuple[FloatArray, float, float]:

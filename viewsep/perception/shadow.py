@@ -12,6 +12,8 @@ DARKEST, BRIGHTEST = 52, 126  # of 128: shadows take up to 60 % of the light
 COLOUR_SPREAD = 16  # of 128, between the most and the least darkened channel
 STEEPEST = 8  # of 128, from a pixel of the smoothed ratio to its neighbours: soft shadows have no edges
 AROUND = np.ones((3, 3), np.uint8)
+PRINTED = 40  # grey levels between the darkest and the brightest that is seen of the ground where it has an edge
+BESIDE, BESIDE_SHARE, ROOM = (11, 11), 0.15, 6.0  # pixels around such an edge, how many are shadow, grey levels
 
 
 def soft_shadow(image: Array, ground: Array) -> Array:
@@ -24,6 +26,21 @@ def soft_shadow(image: Array, ground: Array) -> Array:
     smooth = _within(cv2.morphologyEx(level, cv2.MORPH_GRADIENT, AROUND), 0, STEEPEST)
     shadow: Array = (darker & grey & smooth) >> 7
     return shadow
+
+
+def shaded_print(image: Array, lower: Array, upper: Array, shadow: Array, ground: Array) -> Array:
+    """(h, w) uint8, 1 where the ground's own edges lie within a shadow: as dark as the `shadow` (h, w) around them.
+
+    A shaking camera sees such an edge between `lower` and `upper` (h, w, 3), darkened as what is beside it.
+    """
+    printed = cv2.subtract(upper, lower).max(axis=2) > PRINTED
+    share = cv2.boxFilter(shadow.astype(np.float32), -1, BESIDE)
+    seen, whole = (
+        cv2.boxFilter(picture.mean(axis=2, dtype=np.float32) * shadow, -1, BESIDE) for picture in (image, ground)
+    )
+    level = (seen / np.maximum(whole, 1e-3))[..., None]
+    within = (image >= lower * level - ROOM) & (image <= upper * level + ROOM)
+    return np.asarray((printed & (share > BESIDE_SHARE) & within.all(axis=2)).astype(np.uint8))
 
 
 def _within(values: Array, least: int, most: int) -> Array:

@@ -11,7 +11,17 @@ from typing import Any, TypeVar
 
 import zenoh
 
-from viewsep.config import CameraConfig, Config, DescriptorConfig, RigConfig, SimConfig, geometry_of
+from viewsep.config import (
+    CameraConfig,
+    Config,
+    DescriptorConfig,
+    PerceptionConfig,
+    RigConfig,
+    SimConfig,
+    StageConfig,
+    V4l2Config,
+    geometry_of,
+)
 from viewsep.errors import BadInput, LeaseLost, NotConnected, RigError, RigLost
 from viewsep.interfaces import JointLimits, Look
 from viewsep.messages import Frame, JointState
@@ -20,6 +30,7 @@ from viewsep.service.calls import MAX_WAIT_S
 from viewsep.service.link import RigLink
 from viewsep.service.looks import Send, decode_look, decode_picture
 from viewsep.service.names import Keys
+from viewsep.service.served_rig import RIG_SECTIONS
 from viewsep.session import Rig
 
 T = TypeVar("T")
@@ -31,7 +42,10 @@ class Description:
 
     rig: RigConfig
     camera: CameraConfig
+    perception: PerceptionConfig
     sim: SimConfig
+    stage: StageConfig
+    v4l2: V4l2Config
     limits: tuple[JointLimits, ...]
     speed: float
     lease_s: float
@@ -81,9 +95,9 @@ class RemoteRig:
         return found
 
     def config(self, config: Config) -> Config:
-        """The engine's configuration with what the rig's side decides: rig, camera, simulation."""
+        """The engine's configuration with what the rig's side decides: `RIG_SECTIONS`."""
         said = self.description
-        return config.model_copy(update={"rig": said.rig, "camera": said.camera, "sim": said.sim})
+        return config.model_copy(update={section: getattr(said, section) for section in RIG_SECTIONS})
 
     def lent_to(self, holder: str) -> Rig:
         """The rig for one session, which takes the lease when it is entered and gives it back when it is left."""
@@ -282,7 +296,10 @@ def _description(said: Any) -> Description:
     return Description(
         RigConfig.model_validate(said["rig"]),
         CameraConfig.model_validate(said["camera"]),
+        PerceptionConfig.model_validate(said["perception"]),
         SimConfig.model_validate(said["sim"]),
+        StageConfig.model_validate(said["stage"]),
+        V4l2Config.model_validate(said["v4l2"]),
         tuple(JointLimits(**limit) for limit in said["limits"]),
         float(said["speed"]),
         float(said["lease_s"]),

@@ -16,7 +16,7 @@ from viewsep.service.looks import Send
 from viewsep.service.names import Role
 from viewsep.service.remote import RemoteRig
 from viewsep.service.requests import Code, Refused
-from viewsep.service.served_rig import ServedRig
+from viewsep.service.served_rig import RIG_SECTIONS, ServedRig
 from viewsep.service.status import LinkStatus
 from viewsep.session import Rig
 
@@ -27,7 +27,7 @@ class RigAccess(Protocol):
     def setup(self, config: Config) -> tuple[Config, str]:
         """The engine's configuration on this rig, and what it holds.
 
-        The sections rig, camera and sim are the rig's own; what it holds is the source of a simulated object, empty
+        The sections `RIG_SECTIONS` are the rig's own; what it holds is the source of a simulated object, empty
         where that is not known. Raises Refused when the rig cannot be reached, RigError.
         """
         ...
@@ -58,7 +58,7 @@ class LocalAccess:
     def setup(self, config: Config) -> tuple[Config, str]:
         """The configuration with this rig's own sections, and what it holds."""
         own = self._served.config
-        sections = {"rig": own.rig, "camera": own.camera, "perception": own.perception, "sim": own.sim}
+        sections = {section: getattr(own, section) for section in RIG_SECTIONS}
         return config.model_copy(update=sections), self._served.holds
 
     def lent_to(self, holder: str) -> Rig:

@@ -36,7 +36,7 @@ from viewsep.service.calls import (
 from viewsep.service.looks import encode_look, encode_picture
 from viewsep.service.names import JSON, Keys
 from viewsep.service.requests import Code, Refused
-from viewsep.service.served_rig import ServedRig
+from viewsep.service.served_rig import RIG_SECTIONS, ServedRig
 from viewsep.session import Rig
 
 WORKERS = 4  # calls that wait at the same time
@@ -175,9 +175,7 @@ class RigServer:
         served = self._served
         return _json(
             instance=self._instance,
-            rig=served.config.rig.model_dump(mode="json"),
-            camera=served.config.camera.model_dump(mode="json"),
-            sim=served.config.sim.model_dump(mode="json"),
+            **served.config.model_dump(mode="json", include=set(RIG_SECTIONS)),
             limits=[asdict(limit) for limit in served.motion.limits()],
             speed=served.speed,
             lease_s=served.motion.lease.lease_s,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from viewsep.config import Config
-from viewsep.rigs import rig_holding
+from viewsep.rigs import is_real, rig_for
 from viewsep.service.catalogue import Catalogue
 from viewsep.service.hardware import SharedCamera, SharedMotion
 from viewsep.service.lease import Lease
@@ -14,13 +14,15 @@ from viewsep.sim.source import absolute_source
 
 
 def served_rig(config: Config) -> ServedRig:
-    """The configured rig, shared; nothing is opened yet. Raises BadInput.
+    """The configured rig, shared; nothing is opened yet. Raises BadInput, BadConfig.
 
     A simulated rig that holds photos shows those that no model of the library was learned from, if there are any.
     """
     settings = config.service
     models = Catalogue(Path(settings.library)).models()
-    held = rig_holding(settings.holds, models, config, settings.seed, speed=settings.speed)
+    real = is_real(config)
+    holds = settings.holds if not real or "holds" in settings.model_fields_set else ""
+    held = rig_for(config, holds, settings.seed, models=models, speed=settings.speed)
     lease = Lease(settings.lease_s)
     return ServedRig(
         config=held.config,
@@ -28,8 +30,8 @@ def served_rig(config: Config) -> ServedRig:
         camera=SharedCamera(held.rig.camera, held.rig.clock, stepped=held.speed == 0),
         geometry=held.rig.geometry,
         clock=held.rig.clock,
-        simulated=True,
+        simulated=not real,
         pictures=held.pictures.value,
-        holds=absolute_source(settings.holds),
+        holds=absolute_source(holds) if holds else "",
         speed=held.speed,
     )

@@ -12,6 +12,9 @@ from viewsep.messages import Frame
 from viewsep.service.hardware import SharedCamera, SharedMotion
 from viewsep.session import Rig
 
+RIG_SECTIONS = ("rig", "camera", "perception", "sim", "stage", "v4l2")
+"""Sections of the configuration that are the rig's own, wherever the engine is: how it moves, sees, finds objects."""
+
 
 @dataclass(frozen=True, slots=True)
 class ServedRig:
