@@ -30,7 +30,7 @@ from viewsep.interpretation.pose_filter import FilterOptions
 from viewsep.interpretation.predictions import Predictions
 from viewsep.interpretation.view_cells import cell_of
 from viewsep.messages import FloatArray
-from viewsep.models.aspect_graph import AspectGraph
+from viewsep.models.aspect_graph import AspectGraph, Trials
 
 CLOSED = FilterOptions(unknown_prior=0.0)
 
@@ -53,6 +53,16 @@ def told(predictions: Predictions, views: FloatArray, paint: int, twin: float = 
     shown = predictions.metric.project(noisy(painted(views, paint, twin), 0.05, 8))
     cells = cell_of(*views.T)
     return contrast(predictions, shown, np.ones(len(views)), 0, cells, 1, cells)
+
+
+def test_photos_err_on_their_own_and_renders_of_the_same_views_alike() -> None:
+    def photographed(name: str) -> AspectGraph:
+        shown = painted(NODES, 1)
+        return graph(name, NODES, EDGES, shown, Trials(NODES, noisy(shown, 0.05, 3), np.ones(len(NODES), bool)))
+
+    rendered = [model(name, 1, noise=0.05, disturbed=0.05) for name in "ab"]
+    assert Predictions(rendered).layout.tolist() == [0, 0]
+    assert Predictions([photographed(name) for name in "ab"]).layout.tolist() == [0, 1]
 
 
 def test_copies_with_the_same_views_are_told_apart_by_nothing() -> None:

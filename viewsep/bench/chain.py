@@ -92,7 +92,7 @@ class Chain:
     seed: int
     placements: int
     spacing_deg: float = 10.0
-    trials: float = 0.5  # further photos between the views, as a share of those
+    trials: float = 1.5  # further photos between the views, as a share of those
     every_deg: float = 3.0  # between pictures of the empty rig
     cache: RenderCache | None = None
 

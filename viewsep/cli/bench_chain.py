@@ -36,9 +36,12 @@ def chain(
     spacing: Annotated[
         float, typer.Option(min=2.0, max=60.0, help="Widest angle between views that are learned, degrees.")
     ] = 10.0,
+    trials: Annotated[
+        float, typer.Option(min=0.0, max=10.0, help="Further photos between them, as a share of the views.")
+    ] = 1.5,
     speed: Annotated[
         float, typer.Option(min=0.1, max=20.0, help="Seconds of the emulated servos per second, as the computer can.")
-    ] = 2.0,
+    ] = 1.0,
     servos: Annotated[
         bool, typer.Option("--servos/--no-servos", help="Emulated servos turn the plate; without, it is simulated.")
     ] = True,
@@ -82,10 +85,17 @@ def chain(
             place.mkdir(parents=True, exist_ok=True)
             config = chain_config(rig, place / "background.npz", speed, servos=servos)
             heard = partial(bars.advance, bars.add_task(rig, total=len(pool) + len(tasks)))
-            run = run_chain(Chain(config, place, seed, PLACEMENTS[rig], spacing), tasks, heard)
+            run = run_chain(Chain(config, place, seed, PLACEMENTS[rig], spacing, trials), tasks, heard)
             told[rig] = run.as_row() | {"figures": summarise(run.rows), "config": config.model_dump(mode="json")}
     if json:
-        about = {"objects": pool, "runs": runs, "seed": seed, "candidates": candidates.value, "spacing_deg": spacing}
+        about = {
+            "objects": pool,
+            "runs": runs,
+            "seed": seed,
+            "candidates": candidates.value,
+            "spacing_deg": spacing,
+            "trials": trials,
+        }
         print_json({**about, "rigs": told})
         return
     results.print(_table(told))

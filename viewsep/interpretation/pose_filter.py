@@ -317,7 +317,8 @@ class FilterInterpreter:
         """(K + 1,) probabilities of all candidates and none of them, given that models err between their views.
 
         They do not where both have their views in the same places and are held alike: there the errors cancel. And a
-        candidate that explains the looks no better than none of them does is no look-alike whose views could err.
+        candidate whose pose stays open, and that explains the looks no better than none of them does, is no look-alike
+        whose views could err.
         """
         log, leader = state.posterior.log_shares(), posed[0]
         gained = state.gains.sum(axis=0, dtype=np.float64)
@@ -328,12 +329,13 @@ class FilterInterpreter:
         for k in posed:
             alike[k] &= float(rotation_angle(rotations[k], rotations[leader])) < ALIKE_RAD
         evidence = log[leader] - log
-        alike |= evidence > no_better
+        settled = np.append((variance < REFINED_BELOW_RAD**2) & (variance[leader] < REFINED_BELOW_RAD**2), False)
+        alike |= (evidence > no_better) & ~(settled & (evidence < CLOSE))
         error2 = np.where(alike, 0.0, 2.0 * self.predictions.log_error2 * state.shares.sum())
         for k in (k for k in posed[1:] if not alike[k]):
             error2[k] = 2.0 * self.predictions.log_error2 * (state.shares * self._foreseen(state, k)).sum()
         for k in posed[1:]:
-            if not alike[k] and evidence[k] < CLOSE and max(variance[k], variance[leader]) < REFINED_BELOW_RAD**2:
+            if not alike[k] and evidence[k] < CLOSE and settled[k]:
                 cells, others = (cell_of(*(state.views @ rotations[who]).T) for who in (leader, k))
                 told, error2[k] = contrast(self.predictions, state.looks, state.shares, leader, cells, k, others)
                 evidence[k] = told + np.log(state.prior[leader] / state.prior[k])

@@ -43,7 +43,8 @@ class Predictions:
     `log_of_others` is the tempered log-likelihood of any look at an object that is no candidate: as likely as the
     strangest looks at candidates. How others look cannot be learned from twins; how the candidates look at worst, can.
     `log_error2` is the variance of log-likelihoods of looks at the right view: by so much is a candidate's evidence
-    wrong at every look. Candidates of the same `layout` have their views in the same places, where they err alike.
+    wrong at every look. Candidates of the same `layout` have their views in the same places, where they err alike;
+    photos, each with a light and a mask of its own, do not.
     """
 
     def __init__(self, models: Sequence[AspectGraph]) -> None:
@@ -69,7 +70,7 @@ class Predictions:
         self.log_of_others = self._log_of_strange(measured)
         self.log_error2 = self._log_error2(measured)
         places: dict[bytes, int] = {}
-        self.layout = np.array([places.setdefault(model.directions.tobytes(), len(places)) for model in models])
+        self.layout = np.array([places.setdefault(_layout_of(model), len(places)) for model in models])
 
     @property
     def dimensions(self) -> int:
@@ -189,6 +190,12 @@ class Predictions:
 def predictions_of(models: tuple[AspectGraph, ...]) -> Predictions:
     """Those of these models, shared by interpreter and planner."""
     return Predictions(models)
+
+
+def _layout_of(model: AspectGraph) -> bytes:
+    """The same for models that err alike. Those from photos, which have trials at their views, are each its own."""
+    photographed = model.trials is not None and bool((model.trials.directions == model.directions[0]).all(axis=1).any())
+    return model.directions.tobytes() + (model.name.encode() if photographed else b"")
 
 
 _INTERPOLATIONS: dict[bytes, Interpolation] = {}
