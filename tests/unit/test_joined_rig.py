@@ -186,7 +186,7 @@ def test_rig_background_writes_what_is_behind_the_object(tmp_path: Path, shell: 
         "-c",
         rig_file(tmp_path, "turntable"),
         "--every-deg",
-        "15",
+        "30",
         "--json",
     ]
     said = shell(*typed).json
