@@ -147,6 +147,23 @@ def test_the_camera_command_finds_play_and_stores_it(shell: Shell, tmp_path: Pat
     assert stored.camera.latency_s == pytest.approx(ended.json["latency_s"]["value"], abs=1e-4)
 
 
+@pytest.mark.needs_pybullet
+@pytest.mark.long
+def test_the_object_is_looked_at_and_not_the_desk(shell: Shell, tmp_path: Path) -> None:
+    file = tmp_path / "rig.toml"
+    file.write_text(
+        '[rig]\npreset = "turntable"\n[camera]\nsource = "staged"\n[sim]\nplaced = "standing"\nbacklash_deg = 1.5\n'
+        f'[perception]\nmethod = "background"\nbackground = "{tmp_path / "empty.npz"}"\nobject_radius_px = 70\n'
+        "[stage]\nwidth_px = 320\nheight_px = 240\nobject_px = 150\n"
+    )
+    assert shell("rig", "background", "-c", file, "--every-deg", 20).code == 0
+    found = shell("rig", "calibrate", "camera", "--config", file, "--json").json
+    play = found["joints"][0]["backlash_deg"]
+    assert abs(play["value"] - 1.5) < play["margin"] + 0.05
+    assert play["margin"] < 0.5  # of the whole picture it was more than 2 degrees
+    assert load_config(file).rig.backlash_deg == pytest.approx([play["value"]], abs=1e-3)
+
+
 def test_calibrate_alone_is_that_of_the_joints(shell: Shell, config: Path) -> None:
     for words in (("calibrate",), ("calibrate", "joints")):
         ended = shell("rig", *words, "--config", config)

@@ -89,6 +89,60 @@ def test_init_writes_a_configuration_that_loads(shell: Shell, tmp_path: Path, pr
     assert file.read_text() != before or preset == "wrist"
 
 
+@pytest.mark.parametrize("preset", ["turntable", "pan_tilt"])
+def test_init_writes_the_camera_too(shell: Shell, tmp_path: Path, preset: str) -> None:
+    file = tmp_path / 'my "rig".toml'
+    background = str(tmp_path / 'my "rig"_background.npz')
+    ended = shell("rig", "init", "--preset", preset, "--camera", "staged", "-o", file)
+    assert f"next: viewsep rig background -c {file}" in " ".join(ended.err.split())
+    staged = load_config(file)
+    assert (staged.camera.source, staged.sim.placed) == (
+        "staged",
+        "standing" if preset == "turntable" else "anyhow",
+    )
+    assert (staged.perception.method, staged.perception.background) == ("background", background)
+    assert staged.perception.object_radius_px == round(0.94 * staged.stage.object_px / 2)
+    device = ["--port", "/dev/ttyUSB0", "--camera", "v4l2", "--device", "/dev/v4l/by-id/usb-046d"]
+    assert "next: viewsep rig doctor" in shell("rig", "init", "--preset", preset, *device, "-o", file, "--force").err
+    real = load_config(file)
+    assert (real.camera.source, real.v4l2.device) == ("v4l2", "/dev/v4l/by-id/usb-046d")
+    assert (real.perception.background, real.perception.object_radius_px) == (background, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("typed", "sentence"),
+    [
+        (["--camera", "v4l2"], "--camera v4l2 needs --device PATH, the camera's name: `viewsep camera list`"),
+        (["--device", "/dev/video0"], "--device '/dev/video0' goes with --camera v4l2"),
+        (["--camera", "v4l2", "--device", 'a"b'], "is no name of a camera"),
+    ],
+)
+def test_init_says_what_is_missing_of_the_camera(shell: Shell, tmp_path: Path, typed: list[str], sentence: str) -> None:
+    ended = shell("rig", "init", "--preset", "turntable", *typed, "-o", tmp_path / "rig.toml")
+    assert (ended.code, list(tmp_path.iterdir())) == (2, [])
+    assert sentence in " ".join(ended.err.split())
+
+
+def test_a_servo_gets_another_id(shell: Shell, bus: EmulatedBus, port: str) -> None:
+    ended = shell("rig", "set-id", "--port", port, "--id", 1, "--to", 7)
+    assert (ended.code, "servo 1 (XL430-W250) has id 7 now" in ended.err) == (0, True)
+    assert [servo["ID"] for servo in bus.servos] == [7, 2]
+    refused: list[tuple[list[str | int | Path], str]] = [
+        (["--to", 3], "servos 2, 7 are on"),
+        (["--id", 1, "--to", 3], "--id 1: the servos on"),
+        (["--id", 7, "--to", 2], "has that id already"),
+        (["--to", 3, "--baud", 1_000_000], "no servo answers on"),
+        (["--to", 3, "--baud", 1234], "--baud 1234: servos know"),
+    ]
+    for typed, sentence in refused:
+        ended = shell("rig", "set-id", "--port", port, *typed)
+        assert (ended.code, sentence in " ".join(ended.err.split())) == (2, True), ended.err
+    bus.servos[0].poke("Torque Enable", 1)
+    ended = shell("rig", "set-id", "--port", port, "--id", 7, "--to", 3)
+    assert "switch its power off and on" in " ".join(ended.err.split())
+    assert [servo["ID"] for servo in bus.servos] == [7, 2]
+
+
 def test_ports_are_listed_with_the_names_that_stay(
     shell: Shell, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -13,6 +13,8 @@ from viewsep.errors import BadInput, RigError, Timeout
 from viewsep.interfaces import JointLimits
 from viewsep.messages import Array, FloatArray, Frame, JointState
 from viewsep.moves import move_and_wait
+from viewsep.perception.boxes import around
+from viewsep.perception.finder import ObjectFinder
 from viewsep.session import Rig
 
 SPAN_RAD, STOP_RAD = float(np.radians(64.0)), float(np.radians(4.0))
@@ -20,21 +22,28 @@ RUN_UP_RAD = float(np.radians(14.0))  # before the first stop: the play is taken
 ARRIVED_RAD = float(np.radians(1.0))
 FROM_ABOVE = 4  # every so many-th stop is approached from above, too
 SWEEPS = 3  # each way
+STEADY = 6  # pictures at every stop of the map
 FRAME_S, FRAME_TIMEOUT_S, SWEEP_TIMEOUT_S = 0.1, 2.0, 120.0
 LOOK_PX, BLUR_PX = 24, 1.0
+
+Part = tuple[slice, slice]
+"""Rows and columns of a picture."""
+WHOLE: Part = (slice(None), slice(None))
+MARGIN = 0.1  # around the object, share of its size: another side of it may be wider
 
 
 @dataclass(slots=True)
 class _Taken:
-    """What was seen and read meanwhile."""
+    """What was seen, in one part of the picture, and read meanwhile."""
 
+    part: Part
     stamp_ns: list[int] = field(default_factory=list)
     feature: list[Array] = field(default_factory=list)
     stretch: list[int] = field(default_factory=list)
 
     def add(self, frame: Frame, stretch: int) -> None:
         self.stamp_ns.append(frame.stamp_ns)
-        self.feature.append(look_of(frame))
+        self.feature.append(look_of(frame, self.part))
         self.stretch.append(stretch)
 
 
@@ -51,11 +60,27 @@ class _Diary:
         self.states += [state for state in self._rig.motion.history(last_ns) if state.stamp_ns > last_ns]
 
 
-def look_of(frame: Frame) -> FloatArray:
-    """What a picture shows as (D,) numbers that change smoothly while the object turns, whatever the exposure is."""
-    small = cv2.resize(frame.image, (LOOK_PX, LOOK_PX), interpolation=cv2.INTER_AREA)
+def look_of(frame: Frame, part: Part = WHOLE) -> FloatArray:
+    """What a part of a picture shows as (D,) numbers that change smoothly while the object turns.
+
+    The exposure does not count.
+    """
+    small = cv2.resize(frame.image[part], (LOOK_PX, LOOK_PX), interpolation=cv2.INTER_AREA)
     smooth: Array = cv2.GaussianBlur(small.astype(np.float32), (0, 0), BLUR_PX)
     return np.asarray(smooth / max(float(smooth.mean()), 1.0), np.float64).ravel()
+
+
+def part_with_object(rig: Rig, finder: ObjectFinder | None) -> Part:
+    """Where the object is seen at rest; all of the picture where nothing else is in it. Raises RigError, BadInput."""
+    if finder is None:
+        return WHOLE
+    frame = _at_rest(rig, _Diary(rig))
+    figure = finder.figure_ground.segment(frame.image, rig.motion.read_state().position_rad, finder.track)
+    box = around(figure.mask)
+    if figure.problem or box is None:
+        raise BadInput(f"the object cannot be found in the picture: {figure.problem}")
+    grown_px = round(MARGIN * max(box.right - box.left, box.bottom - box.top))
+    return box.grown(grown_px, frame.image.shape[:2]).part
 
 
 def steps_of(limit: JointLimits, at_rad: float) -> FloatArray:
@@ -72,16 +97,20 @@ def steps_of(limit: JointLimits, at_rad: float) -> FloatArray:
 
 
 def measure_timing(
-    rig: Rig, joint: int, tick: Callable[[], None] = lambda: None, watch: Callable[[JointState], None] = lambda _: None
+    rig: Rig,
+    joint: int,
+    tick: Callable[[], None] = lambda: None,
+    watch: Callable[[JointState], None] = lambda _: None,
+    part: Part = WHOLE,
 ) -> Timing:
     """Turn one joint both ways and work out latency and play; the other joints stay, and it returns to where it was.
 
-    `tick` hears of every stop and sweep (`ticks_of` says how many), `watch` of read-backs; it stops by raising. Raises
-    RigError, Timeout, BadInput.
+    Only `part` of the pictures counts: where the object is seen (`part_with_object`). `tick` hears of every stop and
+    sweep (`ticks_of` says how many), `watch` of read-backs; it stops by raising. Raises RigError, Timeout, BadInput.
     """
     rest = list(rig.motion.read_state().position_rad)
     stops = steps_of(rig.motion.limits()[joint], rest[joint])
-    diary, taken = _Diary(rig), _Taken()
+    diary, taken = _Diary(rig), _Taken(part)
 
     def heard(state: JointState) -> None:
         diary.keep()
@@ -96,7 +125,7 @@ def measure_timing(
     angles, looks = [], []
     for stop in stops:
         go(stop)
-        looks.append(look_of(_at_rest(rig, diary)))
+        looks.append(_steady_look(rig, diary, part))
         angles.append(diary.states[-1].position_rad[joint])
         tick()
     go(stops[-1] + RUN_UP_RAD)
@@ -131,6 +160,16 @@ def _at_rest(rig: Rig, diary: _Diary) -> Frame:
     frame = rig.camera.read(rig.clock.now_ns() + round(LONGEST_S * 1e9), LONGEST_S + FRAME_TIMEOUT_S)
     diary.keep()
     return frame
+
+
+def _steady_look(rig: Rig, diary: _Diary, part: Part) -> FloatArray:
+    """The mean look of some pictures at rest: noise, and the shaking of the camera, hardly count."""
+    frames = [_at_rest(rig, diary)]
+    while len(frames) < STEADY:
+        frames.append(rig.camera.read(frames[-1].stamp_ns + 1, FRAME_TIMEOUT_S))
+    diary.keep()
+    mean: FloatArray = np.mean([look_of(frame, part) for frame in frames], axis=0)
+    return mean
 
 
 def _sweep(rig: Rig, goal: Sequence[float], taken: _Taken, stretch: int, heard: Callable[[JointState], None]) -> None:

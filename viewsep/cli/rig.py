@@ -17,9 +17,10 @@ from viewsep.cli.rig_init import init
 from viewsep.cli.rig_jog import jog
 from viewsep.cli.rig_ports import ports
 from viewsep.cli.rig_scan import scan
+from viewsep.cli.rig_set_id import set_id
 
 app = typer.Typer(help="Set up a rig's servos, or emulate them.", no_args_is_help=True, rich_markup_mode="markdown")
-for command in (ports, scan, doctor, init, jog, home, emulate, board, background):
+for command in (ports, scan, set_id, doctor, init, jog, home, emulate, board, background):
     app.command()(command)
 
 calibrating = typer.Typer(

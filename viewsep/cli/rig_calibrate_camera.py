@@ -11,13 +11,14 @@ import typer
 from rich.table import Table
 
 from viewsep.calibration.latency import Interval, Timing, agreed
-from viewsep.calibration.turning import measure_timing, ticks_of
+from viewsep.calibration.turning import measure_timing, part_with_object, ticks_of
 from viewsep.cli.console import MAX_SEED, people, print_json, progress_bar, results
 from viewsep.cli.rig_interrupt import interrupt_noted, unless
 from viewsep.cli.service_options import Json
 from viewsep.config import load_config
 from viewsep.config_file import set_timing
 from viewsep.errors import BadInput, try_all
+from viewsep.perception.setup import finder_of
 from viewsep.rigs import is_real, rig_for
 
 UNSURE_S, UNSURE_DEG = 0.02, 0.5  # wider intervals are not stored
@@ -52,7 +53,7 @@ def calibrate_camera(
     built = rig_for(settings, object_ or ("" if is_real(settings) else "generated:7"), seed)
     rig = built.rig
     limits = rig.motion.limits()
-    measured: list[Timing] = []
+    finder, measured = finder_of(settings), list[Timing]()
     with interrupt_noted() as ended, progress_bar() as bar:
         watch = unless(ended, "stopped; nothing is saved")
         rig.motion.connect()
@@ -62,8 +63,9 @@ def calibrate_camera(
             task = bar.add_task(
                 "turning", total=sum(ticks_of(limit, angle) for limit, angle in zip(limits, at, strict=True))
             )
+            part = part_with_object(rig, finder)
             for joint in range(len(limits)):
-                measured.append(measure_timing(rig, joint, lambda: bar.advance(task), watch))
+                measured.append(measure_timing(rig, joint, lambda: bar.advance(task), watch, part))
         finally:
             try_all((rig.motion.close, rig.camera.close))
     names = [limit.name for limit in limits]
