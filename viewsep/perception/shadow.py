@@ -33,14 +33,20 @@ def shaded_print(image: Array, lower: Array, upper: Array, shadow: Array, ground
 
     A shaking camera sees such an edge between `lower` and `upper` (h, w, 3), darkened as what is beside it.
     """
-    printed = cv2.subtract(upper, lower).max(axis=2) > PRINTED
-    share = cv2.boxFilter(shadow.astype(np.float32), -1, BESIDE)
+    apart = cv2.split(cv2.subtract(upper, lower))
+    printed = cv2.max(cv2.max(apart[0], apart[1]), apart[2])
+    beside: Array = np.asarray(cv2.boxFilter(shadow, cv2.CV_32F, BESIDE))
+    rows, columns = np.nonzero((printed > PRINTED) & (beside > BESIDE_SHARE))
     seen, whole = (
-        cv2.boxFilter(picture.mean(axis=2, dtype=np.float32) * shadow, -1, BESIDE) for picture in (image, ground)
+        cv2.boxFilter(cv2.multiply(cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY), shadow), cv2.CV_32F, BESIDE)
+        for picture in (image, ground)
     )
-    level = (seen / np.maximum(whole, 1e-3))[..., None]
-    within = (image >= lower * level - ROOM) & (image <= upper * level + ROOM)
-    return np.asarray((printed & (share > BESIDE_SHARE) & within.all(axis=2)).astype(np.uint8))
+    level = (seen[rows, columns] / np.maximum(whole[rows, columns], 1e-3))[:, None]
+    at = image[rows, columns]
+    within = (at >= lower[rows, columns] * level - ROOM) & (at <= upper[rows, columns] * level + ROOM)
+    shaded = np.zeros_like(shadow)
+    shaded[rows, columns] = within.all(axis=1)
+    return shaded
 
 
 def _within(values: Array, least: int, most: int) -> Array:
