@@ -36,7 +36,7 @@ unit: env
 	$(BIN)/python -m pytest -m "not alone and $(QUICK)" --numprocesses auto --dist loadfile
 	$(BIN)/python -m pytest -m "alone and $(QUICK)"
 
-# Whole tasks and the contract of motion on more rigs of emulated servos: a minute.
+# Whole tasks, learning on the rig, the quickstart and the contract of motion on more rigs: about ten minutes.
 test-long: env
 	$(BIN)/python -m pytest -m long
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import sys
 import time
 from pathlib import Path
@@ -67,5 +68,6 @@ if __name__ == "__main__":
     try:
         main(Path(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3]), "--resume" in sys.argv)
     except ViewsepError as error:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # the second Ctrl-C may come as late as this on a busy computer
         print(error, file=sys.stderr)  # noqa: T201
         sys.exit(error.exit_code)

@@ -85,6 +85,7 @@ def test_a_separation_reports_tasks_and_figures(separated: dict[str, Any]) -> No
     assert separated["about"]["config"]["sim"]["light"] == 0.1
 
 
+@pytest.mark.long
 def test_figures_do_not_depend_on_processes(
     separated: dict[str, Any], folder: Path, tmp_path: Path, shell: Shell
 ) -> None:

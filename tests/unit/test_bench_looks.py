@@ -30,7 +30,7 @@ def test_right_ones_are_counted_for_each_number_of_looks() -> None:
 @pytest.mark.needs_pybullet
 def test_interpreter_and_baselines_answer_after_every_look(tmp_path: Path, shell: Shell) -> None:
     (tmp_path / "small.toml").write_text("[camera]\nsize_px = 64\n")
-    typed = ("bench", "looks", "--runs", "4", "--looks", "6", "--views", "30", "--config", tmp_path / "small.toml")
+    typed = ("bench", "looks", "--runs", "2", "--looks", "6", "--views", "30", "--config", tmp_path / "small.toml")
     more = ("--jobs", "1", "--cache", tmp_path / "renders", "--json", tmp_path / "looks.json")
     ended = shell(*typed, *more, "--plot", tmp_path / "pictures")
     assert ended.code in (0, None), ended.err
@@ -38,7 +38,7 @@ def test_interpreter_and_baselines_answer_after_every_look(tmp_path: Path, shell
     found = json.loads((tmp_path / "looks.json").read_text())
     assert list(found["after"]) == ["filter", "nearest", "vote", "sift"]
     assert [len(figures) for figures in found["after"].values()] == [6] * 4
-    assert found["after"]["filter"][-1]["right"] == 4  # twins that differ in a whole face, seen from all around
+    assert found["after"]["filter"][-1]["right"] == 2  # twins that differ in a whole face, seen from all around
 
 
 def test_an_unknown_baseline_is_refused(shell: Shell) -> None:

@@ -84,7 +84,7 @@ def prism(sides: int) -> FloatArray:
 @pytest.mark.parametrize(
     ("name", "points", "lid", "alike", "free"),
     [
-        ("can", prism(60), 120, 2, 1),  # upside down too
+        pytest.param("can", prism(60), 120, 2, 1, marks=pytest.mark.long),  # upside down too
         pytest.param("ball", fibonacci_sphere(300), 120, 1, 2, marks=pytest.mark.long),
         ("beam", prism(4), 120, 8, 0),
         ("post", prism(4), 250, 4, 0),

@@ -201,6 +201,7 @@ def test_when_most_views_fail_it_stops_and_says_why(tmp_path: Path) -> None:
     held.rig.camera.close()
 
 
+@pytest.mark.long
 def test_a_second_placement_is_registered_and_merged(tmp_path: Path) -> None:
     config = settings("pan_tilt")
     wanted = lesson(tmp_path / "photos", spacing_deg=30.0)
