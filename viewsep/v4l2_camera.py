@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from viewsep.config import V4l2Config
+from viewsep.camera_config import V4l2Config
 from viewsep.drivers.v4l2.settings import V4l2Settings
 from viewsep.errors import BadConfig
 

@@ -14,8 +14,9 @@ from fake_camera import FakeCamera
 from rig_on_zenoh import remote_rig, station
 from view_sets import ring, write_view_set
 
+from viewsep.camera_config import CameraConfig
 from viewsep.clock import MonotonicClock
-from viewsep.config import CameraConfig, Config, SimConfig
+from viewsep.config import Config, SimConfig
 from viewsep.drivers.v4l2.camera import V4l2Camera
 from viewsep.drivers.v4l2.settings import V4l2Settings
 from viewsep.kinematics import preset

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from view_sets import ring, write_view_set
 
-from viewsep.config import CameraConfig, Config
+from viewsep.camera_config import CameraConfig
+from viewsep.config import Config
 from viewsep.errors import BadInput
 from viewsep.learning import learn_objects, learn_view_set, names_for
 from viewsep.models.library import to_bytes

@@ -19,7 +19,8 @@ from rig_on_zenoh import KEYS, Station, open_session, remote_rig, station, wait_
 from seed_method import seed_config
 
 from viewsep.assembly import make_engine
-from viewsep.config import CameraConfig, Config, DescriptorConfig, RigConfig, SimConfig, TaskConfig, parse_config
+from viewsep.camera_config import CameraConfig
+from viewsep.config import Config, DescriptorConfig, RigConfig, SimConfig, TaskConfig, parse_config
 from viewsep.errors import BadConfig, LeaseLost, MoveRefused, NotConnected, RigError, RigLost, Timeout, UnreachableView
 from viewsep.learning import learn_objects, names_for
 from viewsep.messages import (

@@ -20,9 +20,10 @@ from viewsep.bench.summary import verdict
 from viewsep.bench.tasks import SeparationTask, names_of
 from viewsep.built_rig import SimulatedRig
 from viewsep.calibration.compensation import compensated
+from viewsep.camera_config import StageConfig
 from viewsep.capture.empty import capture_empty
 from viewsep.capture.lesson import Lesson, learn_from_placements, photograph
-from viewsep.config import Config, StageConfig, parse_config
+from viewsep.config import Config, parse_config
 from viewsep.errors import RigError
 from viewsep.framing import FRAME_FILL
 from viewsep.geometry import rotation_angle

@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from viewsep.built_rig import SimulatedRig
-from viewsep.config import CameraConfig, Config, DescriptorConfig
+from viewsep.camera_config import CameraConfig
+from viewsep.config import Config, DescriptorConfig
 from viewsep.geometry import random_rotation
 from viewsep.learning import learn_object, learn_view_set
 from viewsep.models.aspect_graph import AspectGraph

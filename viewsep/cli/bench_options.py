@@ -15,7 +15,8 @@ from viewsep.bench.journal import Row
 from viewsep.bench.runner import Workers
 from viewsep.cli.console import MAX_SEED
 from viewsep.cli.plugin_option import onto, parse_plugin
-from viewsep.config import Config, DescriptorConfig, Section, SimConfig, TaskConfig, explain, load_config, parse_config
+from viewsep.config import Config, DescriptorConfig, SimConfig, TaskConfig, explain, load_config, parse_config
+from viewsep.config_section import Section
 from viewsep.errors import BadInput
 from viewsep.sim.render_cache import RenderCache
 

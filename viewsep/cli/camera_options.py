@@ -12,8 +12,9 @@ from typing import Annotated
 
 import typer
 
+from viewsep.camera_config import V4l2Config
 from viewsep.clock import MonotonicClock
-from viewsep.config import V4l2Config, load_config
+from viewsep.config import load_config
 from viewsep.drivers.v4l2.camera import V4l2Camera
 from viewsep.drivers.v4l2.listing import cameras
 from viewsep.drivers.v4l2.settings import V4l2Settings

@@ -11,9 +11,10 @@ import numpy as np
 import tomlkit
 import typer
 
+from viewsep.camera_config import StageConfig
 from viewsep.cli.console import people
 from viewsep.cli.rig_emulate import Preset
-from viewsep.config import StageConfig, parse_config
+from viewsep.config import parse_config
 from viewsep.drivers.dynamixel.bus import BAUDS
 from viewsep.errors import BadInput
 from viewsep.files import write_whole

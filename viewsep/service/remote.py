@@ -11,17 +11,8 @@ from typing import Any, TypeVar
 
 import zenoh
 
-from viewsep.config import (
-    CameraConfig,
-    Config,
-    DescriptorConfig,
-    PerceptionConfig,
-    RigConfig,
-    SimConfig,
-    StageConfig,
-    V4l2Config,
-    geometry_of,
-)
+from viewsep.camera_config import CameraConfig, PerceptionConfig, StageConfig, V4l2Config
+from viewsep.config import Config, DescriptorConfig, RigConfig, SimConfig, geometry_of
 from viewsep.errors import BadInput, LeaseLost, NotConnected, RigError, RigLost
 from viewsep.interfaces import JointLimits, Look
 from viewsep.messages import Frame, JointState
