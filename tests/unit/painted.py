@@ -63,10 +63,17 @@ def trials_of_painted(paint: int, twin: float, noise: float, disturbed: float) -
     )
 
 
-def ring_model(name: str, paint: int) -> AspectGraph:
-    """24 views around the equator."""
-    azimuth = np.radians(np.arange(0, 360, 15))
-    at = np.stack([np.cos(azimuth), np.sin(azimuth), np.zeros(len(azimuth))], axis=1)
+def ring(step_deg: float, elevation_deg: float = 0.0) -> FloatArray:
+    """(N, 3) views around the axis z, the same angle above the equator."""
+    azimuth, elevation = np.radians(np.arange(0, 360, step_deg)), np.radians(elevation_deg)
+    flat = np.cos(elevation) * np.array([np.cos(azimuth), np.sin(azimuth)])
+    return np.stack([*flat, np.full(len(azimuth), np.sin(elevation))], axis=1)
+
+
+@cache
+def ring_model(name: str, paint: int, elevation_deg: float = 0.0) -> AspectGraph:
+    """24 views around the equator, or above it."""
+    at = ring(15.0, elevation_deg)
     return graph(name, at, view_edges(at), painted(at, paint))
 
 

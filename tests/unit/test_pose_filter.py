@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from painted import POLE, TWIN, held, interpreter, looks, model, ring_model, seen, unit
+from painted import POLE, TWIN, held, interpreter, looks, model, ring, ring_model, seen, unit
 
 from viewsep.engine.engine import Engine
 from viewsep.engine.state import EngineState
@@ -16,6 +16,7 @@ from viewsep.interpretation.filter_state import FilterOptions, FilterState
 from viewsep.interpretation.independence import independent_share
 from viewsep.interpretation.judgement import foreseen
 from viewsep.interpretation.pose_filter import FilterInterpreter
+from viewsep.interpretation.posterior import RotationGrid
 from viewsep.interpretation.rotation_grid import rotation_grid
 from viewsep.kinematics import preset
 from viewsep.messages import Outcome
@@ -101,8 +102,7 @@ def test_the_state_can_be_saved_and_gives_the_same_bits() -> None:
 def test_a_model_of_a_ring_foretells_nothing_away_from_it() -> None:
     """What it does not foretell cannot have misled it, however often one looks there."""
     machine = interpreter(ring_model("a", 1), ring_model("b", 2), model("c", 3))
-    azimuth = np.radians(np.arange(0, 360, 10))
-    around = np.stack([np.cos(azimuth), np.sin(azimuth), np.zeros(len(azimuth))], axis=1)
+    around = ring(10.0)
     state = machine.start()
     for percept in seen(around, np.eye(3), 1):
         state, _ = machine.update(state, percept)
@@ -116,6 +116,27 @@ def test_a_model_of_a_ring_foretells_nothing_away_from_it() -> None:
     log_p[1, upright] = log_p[1].max() + 1.0  # as if b were likeliest with its ring across the looks
     across = replace(state, posterior=replace(state.posterior, log_p=log_p))
     assert 0 < foreseen(machine.predictions, machine.options, across, 1).sum() < len(around) / 2
+
+
+@pytest.mark.parametrize("upright_within_deg", [15.0, 180.0])
+def test_of_objects_that_stand_a_ring_tells_that_it_is_nobody(upright_within_deg: float) -> None:
+    """Otherwise a candidate may be held so that sides are seen of which it has no views."""
+    options = FilterOptions(upright_within_deg=upright_within_deg)
+    machine = interpreter(ring_model("a", 1, 40.0), ring_model("b", 2, 40.0), options=options)
+    state = machine.start()
+    for percept in seen(ring(10.0, 40.0), np.eye(3), 60):
+        state, belief = machine.update(state, percept)
+    concluded = belief.conclusion is not None and belief.conclusion.outcome is Outcome.UNKNOWN
+    assert concluded is (upright_within_deg < 180.0)
+
+
+def test_objects_that_lean_are_improbable_but_not_impossible() -> None:
+    grid = RotationGrid(4000)
+    log_prior = grid.log_prior(np.radians(20.0), 25.0)
+    leaning = np.degrees(np.arccos(grid.rotations[:, 2, 2]))
+    assert np.exp(log_prior).sum() == pytest.approx(1.0)
+    np.testing.assert_allclose(log_prior.max() - log_prior, np.where(leaning > 20.0, 25.0, 0.0))
+    np.testing.assert_allclose(grid.log_prior(np.pi, 25.0), -np.log(4000))
 
 
 # ---- probabilities mean what they say ----

@@ -40,6 +40,7 @@ from viewsep.sim.render_cache import RenderCache
 
 RigName = Literal["turntable", "pan_tilt"]
 RIGS: tuple[RigName, ...] = ("turntable", "pan_tilt")
+UPRIGHT_WITHIN_DEG = 15.0  # as `viewsep rig init` writes it
 PLACEMENTS: dict[RigName, int] = {"turntable": 1, "pan_tilt": 2}  # in which every object is learned
 
 
@@ -76,6 +77,7 @@ def chain_config(
     }
     if rig == "turntable":
         table["sim"] = {"placed": "standing"}
+        table["interpreter"] = {"options": {"upright_within_deg": UPRIGHT_WITHIN_DEG}}
     if rig == "turntable" and servos:
         servo = {"joint": "pan", "id": 1, "mode": "extended"}
         bus = {"port": "emulated", "baud": 1_000_000, "emulated_speed": speed, "watchdog_s": 0.0, "lost_s": 5.0}

@@ -72,6 +72,10 @@ STANDING = """
 [sim]
 placed = "standing"            # objects stand upright on the plate, at an unknown angle
 """
+UPRIGHT = """
+[interpreter.options]
+upright_within_deg = 15.0      # objects stand on the plate as they were learned; 180: anyhow, as after --placement 2
+"""
 V4L2 = """
 [v4l2]                         # docs/camera.md; what is left out, the camera changes by itself, and colours with it
 device = "{device}"
@@ -176,6 +180,6 @@ def camera_tables(camera: Camera, preset: str, device: str, output: Path) -> str
         background=tomlkit.string(str(output.with_name(f"{output.stem}_background.npz"))).as_string(),
         radius=round(0.5 * FRAME_FILL * StageConfig().object_px) if staged else 0,
     )
-    if not staged:
-        return text + V4L2.format(device=device)
-    return text + (STANDING if preset == Preset.TURNTABLE.value else "")
+    if preset == Preset.TURNTABLE.value:
+        text += (STANDING if staged else "") + UPRIGHT
+    return text if staged else text + V4L2.format(device=device)

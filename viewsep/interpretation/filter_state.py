@@ -22,7 +22,8 @@ class FilterOptions:
     best a rotation's log-probability may fall, so that a slip can be recovered from; a pose is known when its spread is
     below `pose_within_deg`; `motion_noise_deg` how far the object may turn in its holder, or the rig be wrong, between
     two independent looks; `followed` how many candidates' rotations are followed at once; `slips` how often a pose may
-    be lost and searched anew.
+    be lost and searched anew. With `upright_within_deg` objects are expected to stand as they were learned: leaning no
+    further than that from the rig's z axis, as on a turntable.
     """
 
     rotations: Annotated[int, Field(ge=1000, le=200_000)] = 12_000
@@ -35,6 +36,7 @@ class FilterOptions:
     motion_noise_deg: Annotated[float, Field(ge=0, le=45)] = 1.0
     followed: Annotated[int, Field(ge=2, le=10_000)] = 24
     slips: Annotated[int, Field(ge=0, le=100)] = 3
+    upright_within_deg: Annotated[float, Field(ge=5, le=180)] = 180.0
 
 
 @dataclass(frozen=True, eq=False, slots=True)

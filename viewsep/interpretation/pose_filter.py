@@ -45,6 +45,7 @@ class FilterInterpreter:
         self.options = options or FilterOptions()
         self.predictions = predictions_of(tuple(models))
         self.grid = RotationGrid(self.options.rotations)
+        self._log_prior = self.grid.log_prior(np.radians(self.options.upright_within_deg), self.options.floor)
 
     def start(self) -> FilterState:
         """Every candidate and rotation as likely as any other."""
@@ -101,11 +102,10 @@ class FilterInterpreter:
 
     def _opened(self, prior: FloatArray) -> Posterior:
         """Candidates and none of them with probabilities (K + 1,), every rotation as likely as any other."""
-        grid = self.options.rotations
         with np.errstate(divide="ignore"):
             log_prior, log_none = np.log(prior[:-1]), float(np.log(prior[-1]))
         active = np.sort(np.argsort(-log_prior, kind="stable")[: self.options.followed])
-        log_p = np.repeat((log_prior[active] - np.log(grid)).astype(np.float32)[:, None], grid, axis=1)
+        log_p = (log_prior[active][:, None] + self._log_prior).astype(np.float32)
         parked = log_prior.copy()
         parked[active] = -np.inf
         return Posterior(active, log_p, parked, log_none)
@@ -144,7 +144,7 @@ class FilterInterpreter:
         if len(posterior.active) == len(posterior.parked):
             return state
         rating = posterior.parked.copy()
-        rating[posterior.active] = posterior.log_p.max(axis=1) + np.log(self.options.rotations)
+        rating[posterior.active] = posterior.log_p.max(axis=1) - self._log_prior.max()
         order = np.argsort(-rating, kind="stable")[: self.options.followed]
         order = order[rating[order] > rating.max() - self.options.floor]
         new = [k for k in order if k not in posterior.active]
@@ -164,8 +164,7 @@ class FilterInterpreter:
 
     def _replayed(self, state: FilterState, candidates: Array) -> tuple[Array, Array]:
         """(A,) candidates -> (A, G) what their rotations would be, had they been followed, and (L, A) their gains."""
-        log_p = np.repeat(np.log(state.prior[candidates])[:, None], self.options.rotations, axis=1)
-        log_p -= np.log(self.options.rotations) + state.posterior.evidence
+        log_p = np.log(state.prior[candidates])[:, None] + self._log_prior - state.posterior.evidence
         mass = [logsumexp(log_p, axis=1)]
         for look, view, share in zip(state.looks, state.views, state.shares, strict=True):
             likelihood = self.predictions.log_likelihood(look, candidates, state.calm)

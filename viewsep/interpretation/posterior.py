@@ -121,6 +121,15 @@ class RotationGrid:
         self._cells: dict[bytes, Array] = {}
         self._flat = self.rotations.reshape(count, 9).astype(np.float32)
 
+    def log_prior(self, leaning_rad: float, floor: float) -> FloatArray:
+        """(G,) logarithms of probabilities that sum to 1, the same for all rotations that lean no more than that.
+
+        The object's z axis then leans from the control frame's. Others are less probable by `floor`, not impossible.
+        """
+        leans = self.rotations[:, 2, 2] < np.cos(leaning_rad) - 1e-9
+        log = np.where(leans, -floor, 0.0)
+        return np.asarray(log - logsumexp(log))
+
     def cells(self, view: FloatArray) -> Array:
         """(3,) -> (G,) the cell each rotation sees the object's sphere in; those of the latest views are kept."""
         key = view.tobytes()
