@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from viewsep.errors import BadConfig, MoveRefused, UnreachableView
 from viewsep.geometry import (
@@ -97,11 +98,12 @@ class RigGeometry:
     def reaches(self, view_directions: FloatArray) -> BoolArray:
         """(..., 3) view directions -> (...) bool: whether joint angles within the limits show them.
 
-        Solved together from the home position; where that fails `joints_for` searches the grid.
+        Solved together from the closest views of a grid over the joint space; where that fails, from more of them.
         """
         wanted = view_directions.reshape(-1, 3)
         home = np.array(self.home())
-        solved = self._solve(np.broadcast_to(home, (len(wanted), len(home))), wanted)
+        starts = self._grid[0][self._grid_tree.query(wanted)[1]]
+        solved = self._solve(starts, wanted, within_rad=0.1 * VIEW_TOLERANCE_RAD)
         shown = self._shows(self._nearest_turns(solved, home), wanted)
         for missed in np.flatnonzero(~shown):
             shown[missed] = len(self._solutions(self._starts(wanted[missed], home), wanted[missed], home)) > 0
@@ -140,6 +142,10 @@ class RigGeometry:
         grid = np.stack(np.meshgrid(*ranges, indexing="ij"), axis=-1).reshape(-1, len(ranges))
         return grid, self.view_directions(grid)
 
+    @cached_property
+    def _grid_tree(self) -> cKDTree:
+        return cKDTree(self._grid[1])
+
     def _starts(self, view_direction: FloatArray, near: FloatArray) -> FloatArray:
         """(S, n) grid points to start solving from: those that come closest to the view, and close ones near `near`."""
         grid, views = self._grid
@@ -149,10 +155,12 @@ class RigGeometry:
         starts: FloatArray = grid[np.concatenate([close[:12], by_effort[:24]])]
         return starts
 
-    def _solve(self, starts: FloatArray, view_directions: FloatArray, iterations: int = 40) -> FloatArray:
+    def _solve(
+        self, starts: FloatArray, view_directions: FloatArray, iterations: int = 40, within_rad: float = 1e-9
+    ) -> FloatArray:
         """Levenberg-Marquardt with fixed damping on (S, n) joint angles, clipped to the limits at every step.
 
-        One view (3,) for all starts, or one for each (S, 3).
+        One view (3,) for all starts, or one for each (S, 3); it ends when all are `within_rad` of theirs.
         """
         lower, upper = self._bounds()
         damping = 1e-4 * np.eye(len(self.axes))
@@ -160,7 +168,7 @@ class RigGeometry:
         for _ in range(iterations):
             views, jacobian = self._views_and_jacobian(q)
             miss = view_directions - views
-            if np.abs(miss).max() < 1e-9:
+            if np.abs(miss).max() < within_rad:
                 break
             transposed = jacobian.swapaxes(1, 2)
             step = np.linalg.solve(transposed @ jacobian + damping, transposed @ miss[..., None])

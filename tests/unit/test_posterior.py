@@ -144,12 +144,12 @@ def test_every_rotation_sees_the_object_in_the_cell_of_its_own_view() -> None:
 
 def test_the_pose_is_the_mean_around_the_best_rotation_and_its_spread() -> None:
     grid, rotation = RotationGrid(GRID), 321
-    mean, spread = grid.pose(peaked(rotation).log_p[0])
+    mean, spread = grid.pose(*peaked(rotation).likely(0))
     np.testing.assert_allclose(mean, rotation_grid(GRID)[rotation], atol=1e-6)
     assert spread == pytest.approx((0.5 * spacing_rad_of(GRID)) ** 2, abs=1e-5)  # it is no finer than the grid
     angle = rotation_angle(rotation_grid(GRID), held(5))
     width = np.radians(10.0)
-    mean, spread = grid.pose((-0.5 * (angle / width) ** 2).astype(np.float32))
+    mean, spread = grid.pose(np.arange(GRID), (-0.5 * (angle / width) ** 2).astype(np.float32))
     assert np.degrees(rotation_angle(mean, held(5))) < 6.0  # the grid is 15 degrees apart
     assert np.sqrt(spread) == pytest.approx(np.sqrt(3.0) * width, rel=0.2)
 
@@ -160,7 +160,7 @@ def test_two_ways_to_hold_it_are_not_averaged_but_widen_the_spread() -> None:
     apart = rotation_angle(rotation_grid(GRID), rotation_grid(GRID)[321])
     other = int(np.argmin(np.abs(apart - np.radians(90.0))))
     log_p[other] = -0.1
-    mean, spread = grid.pose(log_p)
+    mean, spread = grid.pose(np.arange(GRID), log_p)
     np.testing.assert_allclose(mean, rotation_grid(GRID)[321], atol=1e-6)
     share = np.exp(-0.1) / (1.0 + np.exp(-0.1))
     assert spread == pytest.approx(share * apart[other] ** 2 + (0.5 * spacing_rad_of(GRID)) ** 2, rel=0.01)

@@ -59,7 +59,8 @@ def least_probability(options: FilterOptions, state: FilterState, who: int, apar
     with np.errstate(divide="ignore"):
         without = np.repeat((np.log(state.prior[who]) - np.log(state.prior))[None], len(elsewhere), axis=0)
     for counts, gain in zip(elsewhere.T, state.gains[:, [who]] - state.gains, strict=True):
-        without[counts] = np.clip(without[counts] + gain, -options.floor, options.floor)
+        np.add(without, gain, out=without, where=counts[:, None])
+        np.minimum(np.maximum(without, -options.floor, out=without), options.floor, out=without)
     without[:, state.prior == 0.0] = np.inf  # ruled out from the start
     return float((1.0 / np.exp(-without).sum(axis=1)).min())
 

@@ -73,7 +73,7 @@ class FilterInterpreter:
             looks=np.concatenate([state.looks, look[None]]),
             views=np.concatenate([state.views, view[None]]),
             shares=np.append(state.shares, share),
-            gains=np.concatenate([state.gains, _gains(before, seen)[None]]),
+            gains=np.concatenate([state.gains, _gains(state.posterior, seen)[None]]),
             count=state.count + 1,
         )
         lost = bool(after.posterior.none > np.log(0.5))  # the looks have stopped to fit any candidate
@@ -240,7 +240,7 @@ class FilterInterpreter:
         log = posterior.log_shares()
         rotations, variance = np.repeat(np.eye(3)[None], count, axis=0), np.full(count, np.inf)
         for k in posed:
-            rotations[k], variance[k] = self.grid.pose(posterior.log_p[np.searchsorted(posterior.active, k)])
+            rotations[k], variance[k] = self.grid.pose(*posterior.likely(k))
             if log[k] > log[posed[0]] - CLOSE and variance[k] < REFINED_BELOW_RAD**2:
                 seen = state.looks, state.views, state.shares
                 rotations[k], variance[k] = refined(self.predictions, k, rotations[k], *seen)
@@ -264,11 +264,13 @@ class FilterInterpreter:
         owner, rotation, weight = [], [], []
         each = max(FEWEST_SAMPLES, SAMPLES // max(1, len(chosen)))
         for k in chosen:
-            p = np.exp(state.posterior.log_p[np.searchsorted(state.posterior.active, k)], dtype=np.float64)
-            drawn = np.searchsorted(np.cumsum(p) / p.sum(), (np.arange(each) + 0.5) / each)
-            owner.append(np.full(each, k))
-            rotation.append(self.grid.rotations[np.minimum(drawn, len(p) - 1)])
-            weight.append(np.full(each, max(probability[k], DOUBT) / each))
+            likely, log_p = state.posterior.likely(k)
+            below = np.cumsum(np.exp(log_p, dtype=np.float64))
+            drawn = np.searchsorted(below, (np.arange(each) + 0.5) / each * below[-1])
+            distinct, times = np.unique(drawn, return_counts=True)
+            owner.append(np.full(len(distinct), k))
+            rotation.append(self.grid.rotations[likely[distinct]])
+            weight.append(times * (max(probability[k], DOUBT) / each))
         if not owner:
             return PoseSamples()
         return PoseSamples(

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, cached_property
 
 import numpy as np
+from scipy.sparse import csr_matrix
 from scipy.spatial import cKDTree
 from scipy.special import logsumexp
 
@@ -17,10 +18,11 @@ from viewsep.messages import Array, FloatArray
 NEIGHBOURS = 6  # of a rotation, that probability leaks to
 FURTHEST = 200.0  # that a candidate's logarithm falls below the best one's
 KEPT = 200  # views whose cells are kept
+NEGLIGIBLE = 21.0  # below the best logarithm: all the grid's rotations together weigh less than 1e-5
 MODE_RAD = np.radians(25.0)  # around the best rotation: the rest are other ways to hold it
 
 
-@dataclass(frozen=True, eq=False, slots=True)
+@dataclass(frozen=True, eq=False)
 class Posterior:
     """Logarithms of probabilities that sum to 1 over all candidates and `none` of them.
 
@@ -35,12 +37,18 @@ class Posterior:
     none: float
     evidence: float = 0.0
 
-    @property
+    @cached_property
     def log_mass(self) -> FloatArray:
         """(A,) logarithms of the probabilities of the active candidates."""
         best = self.log_p.max(axis=1)
         mass = np.exp(self.log_p - best[:, None]).sum(axis=1, dtype=np.float64)
         return np.asarray(best + np.log(mass))
+
+    def likely(self, candidate: int) -> tuple[Array, Array]:
+        """The rotations (N,) of an active candidate that weigh anything, and their logarithms (N,)."""
+        log_p = self.log_p[np.searchsorted(self.active, candidate)]
+        likely = np.flatnonzero(log_p > log_p.max() - NEGLIGIBLE)
+        return likely, log_p[likely]
 
     def probabilities(self) -> FloatArray:
         """(K,) of all candidates."""
@@ -78,7 +86,7 @@ class Posterior:
         """Multiplied with a look's (A, CELLS) log-likelihoods at the rotations' `cells` (G,), and those of the rest."""
         return replace(
             self,
-            log_p=self.log_p + likelihood[:, cells],
+            log_p=self.log_p + np.take(likelihood, cells, axis=1),
             parked=self.parked + parked,
             none=self.none + none,
         )
@@ -89,7 +97,7 @@ class Posterior:
             return self
         best = self.log_p.max(axis=1, keepdims=True)
         p = np.exp(self.log_p - best)
-        around = sum(p[:, neighbour] for neighbour in neighbours_of(grid))
+        around = (_adjacency(grid) @ p.T).T
         mixed = (1.0 - np.float32(share)) * p + np.float32(share / NEIGHBOURS) * around
         mixed *= p.sum(axis=1, keepdims=True) / mixed.sum(axis=1, keepdims=True)  # being a neighbour is not mutual
         return replace(self, log_p=np.log(mixed + np.float32(1e-30)) + best)
@@ -101,6 +109,14 @@ def neighbours_of(grid: int) -> Array:
     flat = rotation_grid(grid).reshape(grid, 9)
     near = np.asarray(cKDTree(flat).query(flat, k=NEIGHBOURS + 1)[1])[:, 1:]
     return np.ascontiguousarray(near.T)
+
+
+@cache
+def _adjacency(grid: int) -> csr_matrix[np.float32]:
+    """(G, G) one where a rotation (column) is next to another (row)."""
+    next_to = neighbours_of(grid).T
+    ones = np.ones(next_to.size, np.float32)
+    return csr_matrix((ones, next_to.ravel(), np.arange(0, next_to.size + 1, NEIGHBOURS)), shape=(grid, grid))
 
 
 @cache
@@ -140,15 +156,16 @@ class RotationGrid:
             self._cells[key] = cell_of(x, y, z)
         return self._cells[key]
 
-    def pose(self, log_p: Array) -> tuple[FloatArray, float]:
-        """(G,) -> the mean rotation around the best one (3, 3), and the mean squared angle to it over all."""
+    def pose(self, likely: Array, log_p: Array) -> tuple[FloatArray, float]:
+        """Rotations (N,) and their logarithms -> the mean around the best (3, 3), the mean squared angle to it."""
+        flat = self._flat[likely]
         best = int(np.argmax(log_p))
-        weight = np.exp(log_p - log_p[best])
-        cosine = self._flat @ self._flat[best]  # trace(A^T B) = 1 + 2 cos
+        weight = np.exp(log_p - log_p[best]).astype(np.float64)
+        cosine = flat @ flat[best]  # trace(A^T B) = 1 + 2 cos
         near = np.flatnonzero((cosine > 1.0 + 2.0 * np.cos(MODE_RAD)) & (weight > 1e-4))
-        mean = nearest_rotation(np.tensordot(weight[near].astype(np.float64), self.rotations[near], 1))
-        trace = self._flat @ mean.ravel().astype(np.float32)
+        mean = nearest_rotation(np.tensordot(weight[near], self.rotations[likely[near]], 1))
+        trace = flat @ mean.ravel().astype(np.float32)
         angle = np.arccos(np.clip((trace - 1.0) / 2.0, -1.0, 1.0))
-        spread = float((weight * angle * angle).sum(dtype=np.float64) / weight.sum(dtype=np.float64))
+        spread = float(weight @ (angle * angle) / weight.sum())
         half_a_step = 0.5 * spacing_rad_of(len(self.rotations))
         return mean, spread + half_a_step**2

@@ -17,6 +17,7 @@ from viewsep.models.aspect_graph import AspectGraph
 CALM, DISTURBED = 0, 1
 TEMPERS = tuple(np.round(np.geomspace(0.05, 0.5, 12), 4))
 TEMPERED_ON, NEAR_RAD = 240, np.radians(8.0)
+KEPT = 32  # candidates whose views from everywhere are kept
 STRANGE = 0.03  # of the looks at candidates fit them so badly that they are as likely to be at none of them
 
 
@@ -63,6 +64,7 @@ class Predictions:
         self._node = np.stack([part.node + start for part, start in zip(parts, self.starts, strict=True)])
         self._weight = np.stack([part.weight for part in parts])
         self._covered = np.stack([part.covered for part in parts])
+        self._shown: dict[int, Array] = {}  # of the candidates asked about latest, for it takes a megabyte each
         self._norm2 = np.stack([self._predicted_norm2(k) for k in range(len(models))])
         measured = [_measured(residual, self.metric) for residual in residuals]
         self.laws = _laws(measured, self.dimensions)
@@ -126,15 +128,26 @@ class Predictions:
 
     def prediction(self, candidate: int, cells: Array) -> Array:
         """(N,) cells -> (N, M) what a candidate shows there."""
-        shown: Array = np.einsum("nj,nje->ne", self._weight[candidate, cells], self.views[self._node[candidate, cells]])
+        if candidate not in self._shown:
+            if len(self._shown) >= KEPT:
+                del self._shown[next(iter(self._shown))]
+            self._shown[candidate] = self._everywhere(candidate)
+        shown: Array = self._shown[candidate][cells]
+        return shown
+
+    def _everywhere(self, candidate: int) -> Array:
+        """(CELLS, M) what a candidate shows."""
+        shown: Array = np.einsum("nj,nje->ne", self._weight[candidate], self.views[self._node[candidate]])
         return shown
 
     def log_at(self, looks: Array, candidate: int, cells: Array) -> FloatArray:
         """(L, M) projected looks and (J, L) cells they may be from -> (J, L) tempered log-likelihoods of any looks."""
-        distinct, place = np.unique(cells, return_inverse=True)
-        shown = self.prediction(candidate, distinct)
-        distance2 = (looks * looks).sum(axis=1)[:, None] - 2.0 * looks @ shown.T + (shown * shown).sum(axis=1)
-        at = np.take_along_axis(distance2, place.reshape(cells.shape).T, axis=1).T
+        among = np.zeros(CELLS, bool)
+        among[cells] = True
+        distinct, place = np.flatnonzero(among), (np.cumsum(among) - 1)[cells]
+        product = looks @ self.prediction(candidate, distinct).T
+        distance2 = (looks * looks).sum(axis=1)[:, None] - 2.0 * product + self._norm2[candidate, distinct]
+        at = np.take_along_axis(distance2, place.T, axis=1).T
         return self.log_of_distance2(np.maximum(at, 0.0), 0.5).astype(np.float64)
 
     def known(self, candidate: int, cells: Array) -> Array:
@@ -144,16 +157,17 @@ class Predictions:
 
     def log_of_distance2(self, distance2: Array, calm: float) -> Array:
         """(...) squared distances -> (...) tempered log-likelihoods; `calm` is the probability of a clean look."""
-        logs = [
+        clean, disturbed = (
             np.float32(np.log(max(share, 1e-12))) + law.log(distance2)
             for law, share in zip(self.laws, (calm, 1.0 - calm), strict=True)
-        ]
-        mixed: Array = np.float32(self.temper) * np.logaddexp(*logs)
+        )
+        apart = np.abs(clean - disturbed)
+        mixed: Array = np.float32(self.temper) * (np.maximum(clean, disturbed) + np.log1p(np.exp(-apart)))
         return mixed
 
     def _predicted_norm2(self, k: int) -> Array:
         """(CELLS,) squared length of the mixtures, which are shorter than the features they are made of."""
-        shown = self.prediction(k, np.arange(CELLS))
+        shown = self._everywhere(k)
         norm2: Array = np.einsum("ne,ne->n", shown, shown)
         return norm2
 

@@ -39,7 +39,7 @@ def refined(
     spread = 0.0
     for ball in BALLS_DEG:
         vectors, turns = _ball(*ball)
-        seen = np.einsum("lk,jki->jli", views, turns @ rotation)
+        seen = views @ (turns @ rotation)
         log = predictions.log_at(looks, candidate, cell_of(*np.moveaxis(seen, 2, 0))) @ shares
         weight = np.exp(log - log.max())
         weight /= weight.sum()
@@ -51,9 +51,10 @@ def refined(
 
 def _regions(views: FloatArray) -> int:
     """How many of the views (L, 3) lie in regions of their own."""
-    apart = views @ views.T < np.cos(REGION_RAD)
-    kept: list[int] = []
-    for view in range(len(views)):
-        if apart[view, kept].all():
-            kept.append(view)
-    return len(kept)
+    apart, count = views @ views.T < np.cos(REGION_RAD), 0
+    free = np.ones(len(views), bool)
+    for view, others in enumerate(apart):
+        if free[view]:
+            count += 1
+            free &= others
+    return count

@@ -22,13 +22,14 @@ _RATIOS = 2048  # steps of the tangent from 0 to 1 in the table of slots
 def cell_of(x: Array, y: Array, z: Array) -> Array:
     """Components (N,) of unit vectors -> (N,) int32 cells."""
     ax, ay, az = np.abs(x), np.abs(y), np.abs(z)
-    along_x = (ax >= ay) & (ax >= az)
-    along_y = ~along_x & (ay >= az)
+    largest = np.maximum(np.maximum(ax, ay), az)
+    along_x = ax == largest
+    along_y = (ay == largest) & ~along_x
     main = np.where(along_x, x, np.where(along_y, y, z))
     first = np.where(along_x, y, np.where(along_y, z, x))
     second = np.where(along_x, z, np.where(along_y, x, y))
-    face = 2 * np.where(along_x, 0, np.where(along_y, 1, 2)) + (main < 0)
-    scale = _RATIOS / np.abs(main)
+    face = 4 - 4 * along_x.astype(np.int32) - 2 * along_y.astype(np.int32) + (main < 0)
+    scale = _RATIOS / largest
     column = _SLOTS[(first * scale + _RATIOS).astype(np.int32)]
     row = _SLOTS[(second * scale + _RATIOS).astype(np.int32)]
     cells: Array = (face * PER_EDGE + row) * PER_EDGE + column

@@ -12,7 +12,7 @@ from pydantic import Field
 from viewsep.geometry import angle_between, fibonacci_sphere
 from viewsep.interfaces import Conclusion, Interpretation, NextView, PoseSamples
 from viewsep.interpretation.predictions import predictions_of
-from viewsep.messages import FloatArray, Outcome, Phase
+from viewsep.messages import Array, FloatArray, Outcome, Phase
 from viewsep.models.aspect_graph import AspectGraph
 from viewsep.planning.exploration import GeodesicExploration
 from viewsep.planning.promise import promised
@@ -104,13 +104,12 @@ class InformationPlanner:
 
     def _towards(self, here: FloatArray, bits: FloatArray) -> NextView:
         """A movement to the best target or to the first view on the way that is half as good."""
-        node, there, length = self.reachable.ways(here, self._views, ON_THE_WAY_RAD)
-        seen = np.where(there, bits[self._view_of[node]], 0.0)
-        limit = float(bits.max())
-        gain = limit * (1.0 - np.prod(1.0 - SURE_OF_IT * seen / limit, axis=1))
-        rate = gain / (self.options.settling_s + length / self.reachable.speed_rad_s)
-        best = int(np.argmax(np.where(length < 0.5 * self._step_rad, 0.0, rate)))  # here it has looked already
-        target = self._views[best]
+        straight = angle_between(np.broadcast_to(here, self._views.shape), self._views)
+        elsewhere = straight >= 0.5 * self._step_rad  # here it has looked already
+        best = np.array([np.argmax(np.where(elsewhere, bits / self._duration_s(straight), -1.0))])
+        (least,) = self._rate(here, best, bits)
+        may_be_better = np.flatnonzero(elsewhere & (bits.max() / self._duration_s(straight) >= least))
+        target = self._views[may_be_better[np.argmax(self._rate(here, may_be_better, bits))]]
         path = self.reachable.path(here, target, ON_THE_WAY_RAD)
         far = np.cumsum(angle_between(np.vstack([here, path[:-1]]), path))
         good = bits[np.argmax(path @ self._views.T, axis=1)]
@@ -119,6 +118,20 @@ class InformationPlanner:
         longest = max(0, int(np.searchsorted(far, np.radians(self.options.longest_deg) + 1e-6)) - 1)
         view = path[min(max(first, shortest), longest, len(path) - 1)]
         return NextView(view, Phase.APPROACHING, target, arrives=True)  # it waits there for a look
+
+    def _rate(self, here: FloatArray, targets: Array, bits: FloatArray) -> FloatArray:
+        """(T,) bits for every second of the movements to `targets` (T,), those of the looks on the way together.
+
+        They share what there is to know: no movement gives more than the best of all views.
+        """
+        node, there, length = self.reachable.ways(here, self._views[targets], ON_THE_WAY_RAD)
+        limit = float(bits.max())
+        seen = np.where(there, bits[self._view_of[node]], 0.0)
+        gain = limit * (1.0 - np.prod(1.0 - SURE_OF_IT * seen / limit, axis=1))
+        return np.asarray(gain / self._duration_s(length))
+
+    def _duration_s(self, length_rad: FloatArray) -> FloatArray:
+        return self.options.settling_s + length_rad / self.reachable.speed_rad_s
 
     def _concluded(self, belief: Interpretation) -> Conclusion | None:
         """Why going on is of no use; None where it is none of the candidates that are likely."""

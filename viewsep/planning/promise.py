@@ -12,6 +12,8 @@ from viewsep.interpretation.predictions import Predictions
 from viewsep.interpretation.view_cells import cell_of
 from viewsep.messages import Array, FloatArray
 
+_NOTHING = np.zeros(1, np.float32)
+
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Promise:
@@ -59,10 +61,14 @@ def _shown(predictions: Predictions, samples: PoseSamples, views: FloatArray) ->
 def _overlap(predictions: Predictions, shown: Array) -> FloatArray:
     """(V, S, S) in (0, 1]: how alike looks at two samples would be; 1 when they cannot be told apart."""
     shown = shown - shown.mean(axis=1, keepdims=True)  # large equal parts would cancel badly
-    norm2 = np.einsum("vse,vse->vs", shown, shown)
-    distance2 = norm2[:, :, None] + norm2[:, None, :] - 2.0 * shown @ shown.transpose(0, 2, 1)
-    half_way = 0.25 * np.maximum(distance2 * (1.0 - np.eye(shown.shape[1], dtype=np.float32)), 0.0)
-    nothing = np.zeros(1, np.float32)
-    overlaps = [np.exp(predictions.temper * (law.log(half_way) - law.log(nothing))) for law in predictions.laws]
-    overlap: FloatArray = np.mean(overlaps, axis=0).astype(np.float64)
-    return overlap
+    half_way = -0.5 * (shown @ shown.transpose(0, 2, 1))
+    norm2 = -0.5 * np.diagonal(half_way, axis1=1, axis2=2)
+    half_way += norm2[:, :, None]
+    half_way += norm2[:, None, :]
+    np.maximum(half_way, 0.0, out=half_way)
+    each = np.arange(half_way.shape[1])
+    half_way[:, each, each] = 0.0
+    overlap = np.zeros(half_way.shape)
+    for law in predictions.laws:
+        overlap += np.exp(predictions.temper * (law.log(half_way) - law.log(_NOTHING)))
+    return overlap / len(predictions.laws)

@@ -101,8 +101,9 @@ class ReachableViews:
         be reached has an infinite length.
         """
         points, there, length = _arcs(start, ends, step_rad)
-        gap, node = (np.asarray(found) for found in self._tree.query(points))
-        passable = np.all((gap <= self._reach) | ~there, axis=1)
+        gap, node = np.zeros(there.shape), np.zeros(there.shape, int)
+        gap[there], node[there] = self._tree.query(points[there])
+        passable = np.all(gap <= self._reach, axis=1)
         if passable.all():
             return node, there, length
         first, *last = np.asarray(self._tree.query(np.vstack([start, ends]))[1]).tolist()
