@@ -26,7 +26,8 @@ def make_engine(config: Config, models: Sequence[AspectGraph]) -> Engine:
     descriptor = make_descriptor(config.descriptor)
     check_descriptor(models, descriptor)
     interpreter = make_interpreter(config.interpreter, models, descriptor)
-    planner = make_planner(config.planner, models, reachable_views(config.rig))
+    reachable = reachable_views(config.rig)
+    planner = make_planner(config.planner, models, reachable)
     if getattr(planner, "needs_samples", False) and not getattr(interpreter, "gives_samples", False):
         raise BadConfig(
             f"planner {config.planner.name!r} plans with probabilities, and {config.interpreter.name!r} has "
@@ -43,7 +44,9 @@ def make_engine(config: Config, models: Sequence[AspectGraph]) -> Engine:
             max_failed_moves=config.task.max_failed_moves,
             max_missing_frames=config.task.max_missing_frames,
             pose_tolerance_rad=float(np.radians(config.task.pose_tolerance_deg or np.inf)),
+            look_around=config.task.look_around,
         ),
+        reachable,
     )
 
 

@@ -113,7 +113,8 @@ class TaskConfig(Section):
     """Budgets of a task. `looks_per_s` is the rate of the interpretation module (the seed: 3 to 5).
 
     With `pose_tolerance_deg` a named object's pose must be known that well, too, before the task ends; only an
-    interpreter with probabilities knows how well.
+    interpreter with probabilities knows how well. With `look_around` no name is given before that share of what the rig
+    can show has been seen, since an object that was not learned may be like a candidate from the other sides.
     """
 
     max_looks: int = Field(default=400, ge=1)
@@ -123,6 +124,7 @@ class TaskConfig(Section):
     confirming_looks: int = Field(default=3, ge=1)
     judge_within_deg: float = Field(default=20.0, ge=0, le=180)
     pose_tolerance_deg: float | None = Field(default=None, gt=0, le=180)
+    look_around: float = Field(default=0.0, ge=0, le=1)
     looks_per_s: float = Field(default=4.0, gt=0, le=100)
     frame_timeout_s: float = Field(default=1.0, gt=0)
     move_timeout_s: float = Field(default=15.0, gt=0)

@@ -213,7 +213,8 @@ class Interpretation:
     `fresh` is True while there is too little evidence since the interpreter (re)started: plans made before do not hold.
     `conclusion` is what an interpreter is sure of wherever it looked: its leader is identified, or the object is
     unknown. It is None for ratings that decide near a separating view only. `samples` stand for the posterior, empty
-    where there is none.
+    where there is none. `unseen` (U, 3) are reachable views of sides of which some are to be seen before a conclusion
+    is drawn; the engine fills it in.
     """
 
     estimate: Estimate
@@ -224,6 +225,7 @@ class Interpretation:
     fresh: bool
     conclusion: Conclusion | None = None
     samples: PoseSamples = field(default_factory=PoseSamples)
+    unseen: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
 
 
 class Interpreter(Protocol):

@@ -125,7 +125,7 @@ def decision_of(probabilities: FloatArray, names: Sequence[str]) -> Decision | N
 
 
 def _endless(engine: Engine) -> Engine:
-    return Engine(Undecided(engine.interpreter), engine.planner, engine.limits)
+    return Engine(Undecided(engine.interpreter), engine.planner, engine.limits, engine.reachable)
 
 
 def _probabilities(estimate: Estimate) -> list[float]:

@@ -13,7 +13,7 @@ class TimedEngine(Engine):
     """Does what `engine` does; `wall_s` and `cpu_s` grow by one time for every look that was interpreted."""
 
     def __init__(self, engine: Engine) -> None:
-        super().__init__(engine.interpreter, engine.planner, engine.limits)
+        super().__init__(engine.interpreter, engine.planner, engine.limits, engine.reachable)
         self.wall_s: list[float] = []
         self.cpu_s: list[float] = []
 

@@ -27,6 +27,7 @@ from viewsep.messages import (
     Stop,
     TaskStarted,
 )
+from viewsep.planning.reachable import ReachableViews
 
 BLIND = 3  # frames missing in a row: the rig waits before it moves on
 Step = tuple[EngineState, tuple[Command, ...]]
@@ -35,10 +36,17 @@ Step = tuple[EngineState, tuple[Command, ...]]
 class Engine:
     """`step(state, event) -> (state, commands)`. The same events give the same states, bit for bit."""
 
-    def __init__(self, interpreter: Interpreter, planner: Planner, limits: TaskLimits | None = None) -> None:
+    def __init__(
+        self,
+        interpreter: Interpreter,
+        planner: Planner,
+        limits: TaskLimits | None = None,
+        reachable: ReachableViews | None = None,
+    ) -> None:
         self.interpreter = interpreter
         self.planner = planner
         self.limits = limits or TaskLimits()
+        self.reachable = reachable
         self._codec = StateCodec(interpreter.state_type, planner.state_type)
 
     def start(self) -> EngineState:
@@ -106,6 +114,7 @@ class Engine:
         if state.phase is Phase.STARTING:
             return state, ()
         interpretation, belief = self.interpreter.update(state.interpretation, percept)
+        belief = self._with_sides(belief)
         assert state.view_direction is not None
         travelled = float(angle_between(state.view_direction, percept.view_direction)) if state.looks else 0.0
         state = replace(
@@ -131,7 +140,7 @@ class Engine:
             ),
             told=len(state.notes),
         )
-        if belief.conclusion and self._pose_known(belief):
+        if belief.conclusion and self._pose_known(belief) and len(belief.unseen) == 0:
             return self._end(state, conclusion(state, percept.stamp_ns, belief.conclusion))
         if belief.conclusion is None and self._judges(state, percept.view_direction):
             state = replace(state, leads=_leads(state, belief.leader))
@@ -149,6 +158,14 @@ class Engine:
         began = self.interpreter.start()
         return replace(state, interpretation=began, belief=None, separating_view=None, leads=(-1, 0))
 
+    def _with_sides(self, belief: Interpretation) -> Interpretation:
+        """With what is yet to be seen before a name is given: what was not learned may differ there."""
+        if self.reachable is None or self.limits.look_around <= 0.0 or belief.conclusion is None or belief.leader < 0:
+            return belief
+        unseen = self.reachable.unseen(belief.samples.seen)
+        enough = len(unseen) <= (1.0 - self.limits.look_around) * len(self.reachable.directions)
+        return belief if enough else replace(belief, unseen=unseen)
+
     def _pose_known(self, belief: Interpretation) -> bool:
         """Whether the pose of what is concluded is good enough to end; there is none of an unknown object."""
         if belief.leader < 0:
@@ -158,7 +175,7 @@ class Engine:
     def _run_out(self, state: EngineState, stamp_ns: int, reason: str) -> Step:
         """The budget is spent: a name that only waited for its pose is said all the same."""
         if state.belief and state.belief.conclusion:
-            known = pose_remark(state.belief, "the budget was spent before its pose was sure")
+            known = pose_remark(state.belief, "the budget was spent before all was seen that was asked for")
             return self._end(state, conclusion(state, stamp_ns, known))
         return self._end(state, indecision(state, stamp_ns, reason))
 

@@ -17,7 +17,8 @@ class TaskLimits:
     is no further evidence. `judge_within_rad` is how close to the separating view that was reached last the rating
     decides: further away the candidates look the same, and whoever leads there leads by chance. `confirming_looks` is
     at how many such looks in a row a candidate must lead to be named. A named object's pose must be known to
-    `pose_tolerance_rad` (root mean squared angle) as well; infinite: the name is enough.
+    `pose_tolerance_rad` (root mean squared angle) as well; infinite: the name is enough. And the share `look_around` of
+    what the rig can show must have been seen: 0, the name is enough.
     """
 
     look_every_rad: float = 0.07
@@ -27,6 +28,7 @@ class TaskLimits:
     max_failed_moves: int = 3
     max_missing_frames: int = 20
     pose_tolerance_rad: float = float("inf")
+    look_around: float = 0.0
 
 
 @dataclass(frozen=True, eq=False, slots=True)

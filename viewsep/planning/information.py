@@ -16,12 +16,13 @@ from viewsep.messages import Array, FloatArray, Outcome, Phase
 from viewsep.models.aspect_graph import AspectGraph
 from viewsep.planning.exploration import GeodesicExploration
 from viewsep.planning.promise import promised
-from viewsep.planning.reachable import ReachableViews
+from viewsep.planning.reachable import ReachableViews, shows
 
 ON_THE_WAY_RAD = np.radians(10.0)  # between the looks that a motion is taken to give
 UNREACHABLE_VIEWS = 200  # on the whole sphere, where a view is looked for that would help
 WORTH_SAYING = 5.0  # times what a reachable view must promise
 STILL_LIKELY, TOGETHER = 0.05, 0.9  # share of the likeliest one's probability, and sum, of candidates that are alike
+SIDES = 200  # that stand for all that is yet to be seen
 SURE_OF_IT = 0.95  # of the best view's information on the way: the rest stays open
 
 
@@ -84,6 +85,8 @@ class InformationPlanner:
         """Towards the view with the most information per second; exploring where none promises anything."""
         if belief is None or len(belief.samples.weight) == 0:
             return self._explore(state, view_direction)
+        if len(belief.unseen):
+            return state, self._around(view_direction, belief.unseen)
         promise = promised(self.predictions, belief.samples, self._views)
         wanted = promise.pose if belief.conclusion else promise.candidate
         if wanted.max() >= self.options.least_bits:
@@ -98,6 +101,14 @@ class InformationPlanner:
             return state, self._towards(view_direction, promise.pose)
         return self._explore(state, view_direction)
 
+    def _around(self, here: FloatArray, unseen: FloatArray) -> NextView:
+        """The movement on which the most of what is `unseen` (U, 3) comes into view in a second."""
+        sides = unseen[:: max(1, len(unseen) // SIDES)]
+        node, there, length = self.reachable.ways(here, self._views, ON_THE_WAY_RAD)
+        shown = (shows(self.reachable.directions, sides)[node] & there[..., None]).any(axis=1).mean(axis=1)
+        rate = np.where(length < 0.5 * self._step_rad, 0.0, shown / self._duration_s(length))
+        return self._movement(here, self._views[int(np.argmax(rate))])
+
     def _explore(self, state: InformationState, view: FloatArray) -> tuple[InformationState, NextView]:
         exploration, direction = state.exploration.next_view(view, self.reachable)
         return replace(state, exploration=exploration), NextView(direction, Phase.EXPLORING)
@@ -106,17 +117,24 @@ class InformationPlanner:
         """A movement to the best target or to the first view on the way that is half as good."""
         straight = angle_between(np.broadcast_to(here, self._views.shape), self._views)
         elsewhere = straight >= 0.5 * self._step_rad  # here it has looked already
+        elsewhere |= not elsewhere.any()
         best = np.array([np.argmax(np.where(elsewhere, bits / self._duration_s(straight), -1.0))])
         (least,) = self._rate(here, best, bits)
         may_be_better = np.flatnonzero(elsewhere & (bits.max() / self._duration_s(straight) >= least))
         target = self._views[may_be_better[np.argmax(self._rate(here, may_be_better, bits))]]
+        return self._movement(here, target, bits)
+
+    def _movement(self, here: FloatArray, target: FloatArray, bits: FloatArray | None = None) -> NextView:
+        """Towards `target` (3,), as far as a movement may be, or to the first view half as good as the best there."""
         path = self.reachable.path(here, target, ON_THE_WAY_RAD)
         far = np.cumsum(angle_between(np.vstack([here, path[:-1]]), path))
-        good = bits[np.argmax(path @ self._views.T, axis=1)]
-        first = int(np.argmax(good >= 0.5 * good.max()))
         shortest = int(np.searchsorted(far, self._step_rad - 1e-6))
         longest = max(0, int(np.searchsorted(far, np.radians(self.options.longest_deg) + 1e-6)) - 1)
-        view = path[min(max(first, shortest), longest, len(path) - 1)]
+        stop = longest
+        if bits is not None:
+            good = bits[np.argmax(path @ self._views.T, axis=1)]
+            stop = min(max(int(np.argmax(good >= 0.5 * good.max())), shortest), longest)
+        view = path[min(stop, len(path) - 1)]
         return NextView(view, Phase.APPROACHING, target, arrives=True)  # it waits there for a look
 
     def _rate(self, here: FloatArray, targets: Array, bits: FloatArray) -> FloatArray:

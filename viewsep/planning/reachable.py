@@ -14,6 +14,7 @@ from viewsep.geometry import angle_between, great_circle, perpendicular, spacing
 from viewsep.kinematics import VIEW_TOLERANCE_RAD, RigGeometry, reachable_directions
 from viewsep.messages import Array, BoolArray, FloatArray
 
+SIDE_RAD = np.radians(60.0)  # from a view: what faces it that much shows what is on it
 WIDEST_STEP = 3.2  # from one recorded view to the next, times the usual step: beyond it lies a gap, which is its edge
 
 
@@ -54,6 +55,10 @@ class ReachableViews:
         """All views of a rig with revolute joints."""
         speed = min(limit.max_speed_rad_s for limit in geometry.limits)
         return ReachableViews(reachable_directions(geometry), geometry.reaches, speed_rad_s=speed)
+
+    def unseen(self, seen: FloatArray) -> FloatArray:
+        """(U, 3) those of `directions` that lie on sides which looks from the views `seen` (L, 3) did not show."""
+        return np.asarray(self.directions[~shows(seen, self.directions).any(axis=0)])
 
     def nearest(self, directions: FloatArray) -> FloatArray:
         """Those of (..., 3) directions that can be reached themselves, for others the closest of `self.directions`."""
@@ -151,6 +156,11 @@ class ReachableViews:
         pairs = self._pairs
         length = angle_between(self.directions[pairs[:, 0]], self.directions[pairs[:, 1]])
         return csr_matrix((length, (pairs[:, 0], pairs[:, 1])), shape=(len(self.directions),) * 2)
+
+
+def shows(views: FloatArray, sides: FloatArray) -> BoolArray:
+    """(V, U) whether a look from each of (V, 3) views shows what faces each of the directions (U, 3)."""
+    return np.asarray(views @ sides.T > np.cos(SIDE_RAD))
 
 
 def _back(before: Array, first: int, last: int) -> Array:
