@@ -10,6 +10,7 @@ from scipy.special import softmax
 from viewsep.geometry import rotation_angle
 from viewsep.interpretation.contrast import contrast, moderated
 from viewsep.interpretation.filter_state import FilterOptions, FilterState
+from viewsep.interpretation.posterior import FURTHEST
 from viewsep.interpretation.predictions import Predictions
 from viewsep.interpretation.refinement import REFINED_BELOW_RAD
 from viewsep.interpretation.rotation_grid import rotation_grid
@@ -86,13 +87,15 @@ def _moderated(
     whose views could err.
     """
     log, leader = state.posterior.log_shares(), posed[0]
-    gained = state.gains.sum(axis=0, dtype=np.float64)
     with np.errstate(divide="ignore"):
-        no_better = gained[leader] - gained[-1] + np.log(state.prior[leader]) - np.log(state.prior[-1]) - NO_BETTER
+        log_gained = state.gains.sum(axis=0, dtype=np.float64) + np.log(state.prior)
+    no_better = log_gained[leader] - log_gained[-1] - NO_BETTER
     alike = np.append(predictions.layout == predictions.layout[leader], True)  # none of them has no views that err
     for k in posed:
         alike[k] &= float(rotation_angle(rotations[k], rotations[leader])) < ALIKE_RAD
     evidence = log[leader] - log
+    out = np.flatnonzero(evidence[:-1] > FURTHEST - 1.0)  # further out than the posterior keeps: by all looks together
+    evidence[out] = np.maximum(evidence[out], (log_gained[leader] - log_gained)[out])
     settled = np.append((variance < REFINED_BELOW_RAD**2) & (variance[leader] < REFINED_BELOW_RAD**2), False)
     alike |= (evidence > no_better) & ~(settled & (evidence < CLOSE))
     error2 = np.where(alike, 0.0, 2.0 * predictions.log_error2 * state.shares.sum())
