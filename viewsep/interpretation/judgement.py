@@ -19,6 +19,7 @@ from viewsep.messages import BoolArray, FloatArray
 
 NO_BETTER = 3.0  # logarithms of probabilities: about as likely as none of them
 CLOSE = 60.0  # logarithms of probabilities: nearer candidates are compared with the first one look by look
+FAR = 0.9 * FURTHEST  # about as far as the posterior lets a candidate fall: the sum of all looks' evidence goes on
 ALIKE_RAD = np.radians(8.0)  # between the poses of two models that err alike
 PLACE_RAD = np.radians(12.0)  # around a view that must not decide alone who it is
 REGION_RAD = np.radians(45.0)  # nor that it is nobody: a model may be wrong in a whole region
@@ -94,8 +95,8 @@ def _moderated(
     for k in posed:
         alike[k] &= float(rotation_angle(rotations[k], rotations[leader])) < ALIKE_RAD
     evidence = log[leader] - log
-    out = np.flatnonzero(evidence[:-1] > FURTHEST - 1.0)  # further out than the posterior keeps: by all looks together
-    evidence[out] = np.maximum(evidence[out], (log_gained[leader] - log_gained)[out])
+    far = np.flatnonzero(evidence[:-1] > FAR)
+    evidence[far] = np.maximum(evidence[far], (log_gained[leader] - log_gained)[far])
     settled = np.append((variance < REFINED_BELOW_RAD**2) & (variance[leader] < REFINED_BELOW_RAD**2), False)
     alike |= (evidence > no_better) & ~(settled & (evidence < CLOSE))
     error2 = np.where(alike, 0.0, 2.0 * predictions.log_error2 * state.shares.sum())
