@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 
 from viewsep.descriptors.cch import ColourCooccurrence
-from viewsep.geometry import equidistant_sphere, view_edges
+from viewsep.geometry import equidistant_sphere, random_rotation, view_edges
 from viewsep.interpretation.filter_state import FilterOptions
 from viewsep.interpretation.pose_filter import FilterInterpreter
 from viewsep.interpretation.rotation_grid import rotation_grid
@@ -51,6 +51,12 @@ def model(
     """A model of 100 views, with trials between them where `noise` says how wrong the clean looks are."""
     trials = None if noise is None else trials_of_painted(paint, twin, noise, disturbed)
     return graph(name, NODES, EDGES, painted(NODES, paint, twin), trials)
+
+
+def elsewhere(name: str, paint: int, twin: float = 0.0) -> AspectGraph:
+    """A model whose views lie in other places."""
+    at = NODES @ random_rotation(np.random.default_rng(5))
+    return graph(name, at, EDGES, painted(at, paint, twin), trials_of_painted(paint, twin, 0.05, 0.05))
 
 
 def trials_of_painted(paint: int, twin: float, noise: float, disturbed: float) -> Trials:

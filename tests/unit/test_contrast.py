@@ -11,6 +11,7 @@ from painted import (
     NODES,
     POLE,
     TWIN,
+    elsewhere,
     graph,
     held,
     interpreter,
@@ -19,12 +20,10 @@ from painted import (
     noisy,
     painted,
     seen,
-    trials_of_painted,
     unit,
 )
 from scipy.special import expit
 
-from viewsep.geometry import random_rotation
 from viewsep.interpretation.contrast import contrast, moderated
 from viewsep.interpretation.filter_state import FilterOptions
 from viewsep.interpretation.predictions import Predictions
@@ -33,12 +32,6 @@ from viewsep.messages import FloatArray
 from viewsep.models.aspect_graph import AspectGraph, Trials
 
 CLOSED = FilterOptions(unknown_prior=0.0)
-
-
-def elsewhere(name: str, paint: int, twin: float = 0.0) -> AspectGraph:
-    """A model whose views lie in other places."""
-    at = NODES @ random_rotation(np.random.default_rng(5))
-    return graph(name, at, EDGES, painted(at, paint, twin), trials_of_painted(paint, twin, 0.05, 0.05))
 
 
 def towards(side: float, count: int) -> FloatArray:
@@ -127,3 +120,13 @@ def test_different_objects_with_views_in_other_places_are_named_after_some_looks
     for percept in seen(looks(1, 10, step_deg=20.0), held(3), 1, noise=0.05):
         state, belief = machine.update(state, percept)
     assert belief.leader == 0
+
+
+def test_who_is_far_ahead_stays_so_however_many_looks_follow() -> None:
+    machine = interpreter(elsewhere("a", 1), model("b", 2, noise=0.05, disturbed=0.05), options=CLOSED)
+    state, found = machine.start(), []
+    for percept in seen(looks(1, 90, step_deg=20.0), held(3), 1, noise=0.05):
+        state, belief = machine.update(state, percept)
+        found.append(belief.estimate.candidates[0].probability or 0.0)
+    assert max(found[:30]) > 0.99
+    assert min(found[60:]) > max(found[:30]) - 1e-6

@@ -6,7 +6,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from painted import POLE, TWIN, held, model, ring_model
+from painted import POLE, TWIN, elsewhere, held, model, ring_model
 
 from viewsep.geometry import angle_between, axis_rotation, fibonacci_sphere, perpendicular
 from viewsep.interfaces import PoseSamples
@@ -136,3 +136,10 @@ def test_where_the_models_have_no_views_a_look_promises_nothing() -> None:
     height = np.abs(VIEWS[:, 2])
     assert bits[height < 0.1].min() > 0.1
     assert (bits[height > 0.5] == 0.0).all()
+
+
+def test_models_with_views_in_other_places_promise_little_where_they_differ_by_their_errors_only() -> None:
+    pair = predictions_of((elsewhere("a", 1), model("b", 1, TWIN, noise=0.05, disturbed=0.05)))
+    bits = promised(pair, samples((0, HELD, 0.5), (1, HELD, 0.5)), VIEWS).candidate
+    assert np.median(bits[height(VIEWS) > 0.8]) > 0.5
+    assert bits[height(VIEWS) < 0.0].max() < 0.1

@@ -40,7 +40,7 @@ from viewsep.sim.render_cache import RenderCache
 
 RigName = Literal["turntable", "pan_tilt"]
 RIGS: tuple[RigName, ...] = ("turntable", "pan_tilt")
-UPRIGHT_WITHIN_DEG = 15.0  # as `viewsep rig init` writes it
+ROTATIONS, UPRIGHT_WITHIN_DEG = 40_000, 15.0  # as `viewsep rig init` writes them
 PLACEMENTS: dict[RigName, int] = {"turntable": 1, "pan_tilt": 2}  # in which every object is learned
 
 
@@ -69,15 +69,17 @@ def chain_config(
 
     Pan and tilt are simulated. `changes` are further sections, or other ones.
     """
+    options: dict[str, Any] = {"rotations": ROTATIONS}
     radius_px = round(0.5 * FRAME_FILL * StageConfig().object_px)  # the camera stays, so does its scale
     table: dict[str, Any] = {
         "rig": {"preset": rig},
         "camera": {"source": "staged"},
         "perception": {"method": "background", "background": str(background), "object_radius_px": radius_px},
+        "interpreter": {"options": options},
     }
     if rig == "turntable":
         table["sim"] = {"placed": "standing"}
-        table["interpreter"] = {"options": {"upright_within_deg": UPRIGHT_WITHIN_DEG}}
+        options["upright_within_deg"] = UPRIGHT_WITHIN_DEG
     if rig == "turntable" and servos:
         servo = {"joint": "pan", "id": 1, "mode": "extended"}
         bus = {"port": "emulated", "baud": 1_000_000, "emulated_speed": speed, "watchdog_s": 0.0, "lost_s": 5.0}

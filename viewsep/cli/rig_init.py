@@ -72,8 +72,11 @@ STANDING = """
 [sim]
 placed = "standing"            # objects stand upright on the plate, at an unknown angle
 """
-UPRIGHT = """
+POSE = """
 [interpreter.options]
+rotations = 40000              # of the grid on which the pose is sought: prints that are seen closely change fast
+"""
+UPRIGHT = """\
 upright_within_deg = 15.0      # objects stand on the plate as they were learned; 180: anyhow, as after --placement 2
 """
 V4L2 = """
@@ -180,6 +183,6 @@ def camera_tables(camera: Camera, preset: str, device: str, output: Path) -> str
         background=tomlkit.string(str(output.with_name(f"{output.stem}_background.npz"))).as_string(),
         radius=round(0.5 * FRAME_FILL * StageConfig().object_px) if staged else 0,
     )
-    if preset == Preset.TURNTABLE.value:
-        text += (STANDING if staged else "") + UPRIGHT
+    turntable = preset == Preset.TURNTABLE.value
+    text += (STANDING if turntable and staged else "") + POSE + (UPRIGHT if turntable else "")
     return text if staged else text + V4L2.format(device=device)

@@ -23,15 +23,22 @@ def contrast(
     """
     told = predictions.log_at(looks, one, cells[None])[0] - predictions.log_at(looks, other, others[None])[0]
     apart = predictions.prediction(one, cells) - predictions.prediction(other, others)
-    law = predictions.laws[CALM]
-    typical2 = law.dimensions * law.scale2
-    more2 = np.maximum((apart * apart).sum(axis=1) - 2.0 * typical2, 0.0)
-    steps = law.log(np.array([typical2], np.float32)) - law.log((typical2 + more2).astype(np.float32))
-    weight = predictions.temper * steps.astype(np.float64)
+    weight = expected(predictions, (apart * apart).sum(axis=1))
     if not weight.any():
         return 0.0, 0.0
     weight /= weight.max()
     return float((weight * shares) @ told), float(2.0 * predictions.log_error2 * (weight**2 @ shares))
+
+
+def expected(predictions: Predictions, apart2: Array) -> FloatArray:
+    """(...) squared distances between what two models predict -> (...) the evidence that a look there should give.
+
+    It is what the models differ by more than they err.
+    """
+    law, typical2 = predictions.laws[CALM], predictions.typical2
+    more2 = np.maximum(apart2 - 2.0 * typical2, 0.0)
+    steps = law.log(np.array([typical2], np.float32)) - law.log((typical2 + more2).astype(np.float32))
+    return np.asarray(predictions.temper * steps.astype(np.float64))
 
 
 def moderated(evidence: FloatArray, error2: FloatArray) -> FloatArray:

@@ -10,6 +10,7 @@ from scipy.special import softmax
 from viewsep.geometry import rotation_angle
 from viewsep.interpretation.contrast import contrast, moderated
 from viewsep.interpretation.filter_state import FilterOptions, FilterState
+from viewsep.interpretation.posterior import FURTHEST
 from viewsep.interpretation.predictions import Predictions
 from viewsep.interpretation.refinement import REFINED_BELOW_RAD
 from viewsep.interpretation.rotation_grid import rotation_grid
@@ -18,6 +19,7 @@ from viewsep.messages import BoolArray, FloatArray
 
 NO_BETTER = 3.0  # logarithms of probabilities: about as likely as none of them
 CLOSE = 60.0  # logarithms of probabilities: nearer candidates are compared with the first one look by look
+FAR = 0.9 * FURTHEST  # about as far as the posterior lets a candidate fall: the sum of all looks' evidence goes on
 ALIKE_RAD = np.radians(8.0)  # between the poses of two models that err alike
 PLACE_RAD = np.radians(12.0)  # around a view that must not decide alone who it is
 REGION_RAD = np.radians(45.0)  # nor that it is nobody: a model may be wrong in a whole region
@@ -87,13 +89,15 @@ def _moderated(
     whose views could err.
     """
     log, leader = state.posterior.log_shares(), posed[0]
-    gained = state.gains.sum(axis=0, dtype=np.float64)
     with np.errstate(divide="ignore"):
-        no_better = gained[leader] - gained[-1] + np.log(state.prior[leader]) - np.log(state.prior[-1]) - NO_BETTER
+        log_gained = state.gains.sum(axis=0, dtype=np.float64) + np.log(state.prior)
+    no_better = log_gained[leader] - log_gained[-1] - NO_BETTER
     alike = np.append(predictions.layout == predictions.layout[leader], True)  # none of them has no views that err
     for k in posed:
         alike[k] &= float(rotation_angle(rotations[k], rotations[leader])) < ALIKE_RAD
     evidence = log[leader] - log
+    far = np.flatnonzero(evidence[:-1] > FAR)
+    evidence[far] = np.maximum(evidence[far], (log_gained[leader] - log_gained)[far])
     settled = np.append((variance < REFINED_BELOW_RAD**2) & (variance[leader] < REFINED_BELOW_RAD**2), False)
     alike |= (evidence > no_better) & ~(settled & (evidence < CLOSE))
     error2 = np.where(alike, 0.0, 2.0 * predictions.log_error2 * state.shares.sum())

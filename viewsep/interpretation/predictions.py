@@ -79,6 +79,11 @@ class Predictions:
         """M, of the projected features."""
         return int(self.metric.centre.size)
 
+    @property
+    def typical2(self) -> float:
+        """The squared length of the residual of a typical clean look: by so much a model errs."""
+        return self.dimensions * self.laws[CALM].scale2
+
     def project(self, feature: Array) -> Array:
         """(D,) -> (M,)."""
         (projected,) = self.metric.project(feature[None])

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from viewsep.interfaces import PoseSamples
+from viewsep.interpretation.contrast import expected
 from viewsep.interpretation.independence import independent_share
 from viewsep.interpretation.predictions import Predictions
 from viewsep.interpretation.view_cells import cell_of
@@ -30,7 +31,7 @@ def promised(predictions: Predictions, samples: PoseSamples, views: FloatArray) 
     entropy of a mixture is estimated by the overlaps of its parts (Kolchinsky and Tracey 2017, with Bhattacharyya's).
     """
     shown, known = _shown(predictions, samples, views)
-    overlap = _overlap(predictions, shown)
+    overlap = _overlap(predictions, samples.owner, shown)
     weight = samples.weight / samples.weight.sum()
     same = samples.owner[:, None] == samples.owner[None, :]
     owners = (same * weight).sum(axis=1)
@@ -58,10 +59,14 @@ def _shown(predictions: Predictions, samples: PoseSamples, views: FloatArray) ->
     return shown, known
 
 
-def _overlap(predictions: Predictions, shown: Array) -> FloatArray:
-    """(V, S, S) in (0, 1]: how alike looks at two samples would be; 1 when they cannot be told apart."""
+def _overlap(predictions: Predictions, owner: Array, shown: Array) -> FloatArray:
+    """(V, S, S) in (0, 1]: how alike looks at two samples would be; 1 when they cannot be told apart.
+
+    Models whose views lie in different places err independently: between them a look tells what it will count for, with
+    the error that this will be taken to have.
+    """
     shown = shown - shown.mean(axis=1, keepdims=True)  # large equal parts would cancel badly
-    half_way = -0.5 * (shown @ shown.transpose(0, 2, 1))
+    half_way = -0.5 * (shown @ shown.transpose(0, 2, 1))  # squared distances to the middle between two, by and by
     norm2 = -0.5 * np.diagonal(half_way, axis1=1, axis2=2)
     half_way += norm2[:, :, None]
     half_way += norm2[:, None, :]
@@ -71,4 +76,10 @@ def _overlap(predictions: Predictions, shown: Array) -> FloatArray:
     overlap = np.zeros(half_way.shape)
     for law in predictions.laws:
         overlap += np.exp(predictions.temper * (law.log(half_way) - law.log(_NOTHING)))
-    return overlap / len(predictions.laws)
+    overlap /= len(predictions.laws)
+    layout = predictions.layout[owner]
+    err = layout[:, None] != layout
+    if err.any():
+        told = expected(predictions, 4.0 * half_way[:, err])
+        overlap[:, err] = np.exp(-0.5 * told**2 / max(predictions.log_error2, 1e-12))
+    return overlap
