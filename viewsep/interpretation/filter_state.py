@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Annotated
 
+import numpy as np
 from pydantic import Field
 
 from viewsep.interpretation.holding import Held
@@ -40,6 +41,15 @@ class FilterOptions:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
+class Lost:
+    """The evidence `told` (nats) against candidate `who` (-1: nobody), held in `rotation` (3, 3), at the slip."""
+
+    who: int = -1
+    rotation: FloatArray = field(default_factory=lambda: np.eye(3))
+    told: float = 0.0
+
+
+@dataclass(frozen=True, eq=False, slots=True)
 class FilterState:
     """The posterior, and what it was made of since the pose was searched last.
 
@@ -47,7 +57,8 @@ class FilterState:
     their `views` (L, 3) and `shares` (L,) of evidence, so that a parked candidate can be taken up again; `gains`
     (L, K + 1) by how much each look raised the logarithms of the probabilities, up to a constant. `calm` is the
     probability that looks are as clean as the models' views; `settled` says that a pose was known; `slips` counts how
-    often it was lost since; `held` is how the candidates were held when that was known last.
+    often it was lost since, and `lost` who was held how then; `held` is how the candidates were held when that was
+    known last.
     """
 
     posterior: Posterior
@@ -61,3 +72,4 @@ class FilterState:
     slips: int = 0
     count: int = 0
     held: Held = field(default_factory=Held)
+    lost: Lost = field(default_factory=Lost)

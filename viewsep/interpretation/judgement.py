@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import softmax
@@ -10,6 +11,7 @@ from scipy.special import softmax
 from viewsep.geometry import rotation_angle
 from viewsep.interpretation.contrast import contrast, moderated
 from viewsep.interpretation.filter_state import FilterOptions, FilterState
+from viewsep.interpretation.holding import SHIFTED_RAD
 from viewsep.interpretation.posterior import FURTHEST
 from viewsep.interpretation.predictions import Predictions
 from viewsep.interpretation.refinement import REFINED_BELOW_RAD
@@ -22,7 +24,20 @@ CLOSE = 60.0  # logarithms of probabilities: nearer candidates are compared with
 FAR = 0.9 * FURTHEST  # about as far as the posterior lets a candidate fall: the sum of all looks' evidence goes on
 ALIKE_RAD = np.radians(8.0)  # between the poses of two models that err alike
 PLACE_RAD = np.radians(12.0)  # around a view that must not decide alone who it is
+MODEL_WRONG = 0.03  # the probability that a model is, in a whole region
 REGION_RAD = np.radians(45.0)  # nor that it is nobody: a model may be wrong in a whole region
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Judgement:
+    """Probabilities of the candidates (K,) and of none of them, which sum to 1.
+
+    `another` is the part of `none` that is an object like the likeliest candidate but for one region.
+    """
+
+    probability: FloatArray
+    none: float
+    another: float
 
 
 def judged(
@@ -32,18 +47,23 @@ def judged(
     posed: Sequence[int],
     rotations: FloatArray,
     variance: FloatArray,
-) -> FloatArray:
-    """(K + 1,) probabilities of all candidates and none of them, given that models err between their views.
+) -> Judgement:
+    """How probable everybody is, given that models err between their views.
 
     `posed` are the likeliest candidates that are followed, in order; `rotations` (K, 3, 3) and `variance` (K,) are
-    theirs. None of them is as probable as without the region that speaks most for it.
+    theirs. None of them is as probable as without the region that speaks most for it; but the object may be one that
+    was not learned and is like the likeliest candidate except in that region.
     """
-    everybody = _moderated(predictions, options, state, posed, rotations, variance)
-    if everybody[-1] > 1.0 - options.confidence:
-        none = min(everybody[-1], least_probability(options, state, len(everybody) - 1, REGION_RAD))
-        everybody[:-1] *= (1.0 - none) / max(1.0 - everybody[-1], 1e-300)
-        everybody[-1] = none
-    return everybody
+    *probabilities, none = _moderated(predictions, options, state, posed, rotations, variance)
+    probability = np.array(probabilities)
+    if none > 1.0 - options.confidence:
+        less = min(none, least_probability(options, state, len(probability), REGION_RAD))
+        probability *= (1.0 - less) / max(1.0 - none, 1e-300)
+        none = less
+    first = posed[0]
+    another = probability[first] * _another(predictions, options, state, first, rotations[first])
+    probability[first] -= another
+    return Judgement(probability, float(none + another), float(another))
 
 
 def corroborated(options: FilterOptions, state: FilterState, who: int, probability: FloatArray) -> bool:
@@ -65,6 +85,34 @@ def least_probability(options: FilterOptions, state: FilterState, who: int, apar
         np.minimum(np.maximum(without, -options.floor, out=without), options.floor, out=without)
     without[:, state.prior == 0.0] = np.inf  # ruled out from the start
     return float((1.0 / np.exp(-without).sum(axis=1)).min())
+
+
+def speaks_against(predictions: Predictions, state: FilterState, k: int) -> float:
+    """The evidence for none of them and against candidate k from the region where it is largest, in nats.
+
+    It is as much less as the model may err.
+    """
+    near = state.views @ state.views.T > np.cos(REGION_RAD)
+    against = near @ (state.gains[:, -1] - state.gains[:, k]).astype(np.float64)
+    most = np.argmax(against)
+    error2 = 2.0 * predictions.log_error2 * (near[most] @ state.shares)
+    return float(moderated(against[most], error2))
+
+
+def _another(
+    predictions: Predictions, options: FilterOptions, state: FilterState, k: int, rotation: FloatArray
+) -> float:
+    """The probability that what looks like candidate k, held in `rotation`, is another object that differs in a region.
+
+    That region may be anywhere, and speaks as much for a model that is wrong there. A pose that was lost and is found
+    again as it was has not slipped: what spoke against it still does.
+    """
+    told = speaks_against(predictions, state, k)
+    if state.lost.who == k and rotation_angle(rotation, state.lost.rotation) < SHIFTED_RAD:
+        told = max(told, state.lost.told)
+    region = 0.5 * (1.0 - np.cos(REGION_RAD)) * np.exp(min(told, options.floor))
+    another, wrong = 0.5 * options.unknown_prior * region, MODEL_WRONG * region
+    return float(another / (1.0 + wrong + another))
 
 
 def foreseen(predictions: Predictions, options: FilterOptions, state: FilterState, k: int) -> BoolArray:

@@ -14,10 +14,10 @@ from scipy.special import logsumexp
 
 from viewsep.geometry import angle_between
 from viewsep.interfaces import Conclusion, Descriptor, Interpretation, PoseSamples
-from viewsep.interpretation.filter_state import FilterOptions, FilterState
+from viewsep.interpretation.filter_state import FilterOptions, FilterState, Lost
 from viewsep.interpretation.holding import Held, compared
 from viewsep.interpretation.independence import independent_share
-from viewsep.interpretation.judgement import CLOSE, corroborated, judged
+from viewsep.interpretation.judgement import CLOSE, Judgement, corroborated, judged, speaks_against
 from viewsep.interpretation.posterior import Posterior, RotationGrid, spacing_rad_of
 from viewsep.interpretation.predictions import predictions_of
 from viewsep.interpretation.refinement import REFINED_BELOW_RAD, refined
@@ -29,6 +29,7 @@ POSED = 8  # likeliest candidates whose poses are worked out
 SAMPLED, SAMPLES, FEWEST_SAMPLES = 5, 40, 8  # candidates, and rotations of all and of each, that stand for all
 PROMOTED = 8  # parked candidates that are taken up again in one step at most
 DOUBT = 0.05  # least weight of a plausible candidate's samples
+DOUBTFUL = 0.2  # of being another object than the one it looks like, at which more looks are no use
 CALM_BOUNDS = (0.02, 0.98)  # of the probability that looks are clean: the light may change
 
 
@@ -136,7 +137,16 @@ class FilterInterpreter:
             gains=_gains(opened, seen)[None],
             slips=before.slips + 1,
             held=Held(),
+            lost=self._lost(before, after),
         )
+
+    def _lost(self, before: FilterState, after: FilterState) -> Lost:
+        """Whose pose was lost, and what spoke against it."""
+        who = int(np.argmax(before.posterior.probabilities()))
+        if who not in before.held.who:
+            return before.lost
+        told = speaks_against(self.predictions, after, who)
+        return Lost(who, before.held.rotations[before.held.who.index(who)], told)
 
     def _follow(self, state: FilterState) -> FilterState:
         """Of a large library, take up parked candidates that rate better than followed ones, in their place."""
@@ -188,8 +198,8 @@ class FilterInterpreter:
         posed = [int(k) for k in order if int(k) in followed][:POSED]
         rotations, variance = self._poses(state, posed)
         limit = np.radians(self.options.pose_within_deg) ** 2
-        *probabilities, none = judged(self.predictions, self.options, state, posed, rotations, variance).tolist()
-        probability = np.array(probabilities)
+        judgement = judged(self.predictions, self.options, state, posed, rotations, variance)
+        probability, none = judgement.probability, judgement.none
         leader = int(order[0]) if corroborated(self.options, state, int(order[0]), probability) else -1
         plausible = probability > 0.01 * probability.max()
         plausible[order[:2]] = True
@@ -227,7 +237,7 @@ class FilterInterpreter:
             plausible=plausible,
             leader=leader,
             fresh=slipped,
-            conclusion=self._concluded(state, leader, probability, none),
+            conclusion=self._concluded(state, leader, judgement),
             samples=self._samples(state, [k for k in posed if plausible[k]][:SAMPLED], probability),
         )
 
@@ -246,14 +256,19 @@ class FilterInterpreter:
                 rotations[k], variance[k] = refined(self.predictions, k, rotations[k], *seen)
         return rotations, variance
 
-    def _concluded(self, state: FilterState, leader: int, probability: FloatArray, none: float) -> Conclusion | None:
+    def _concluded(self, state: FilterState, leader: int, judgement: Judgement) -> Conclusion | None:
         after = f"after {state.count} looks"
         if state.slips:
             after += f", {state.slips} of its poses lost on the way" if state.slips > 1 else ", its pose lost once"
         if leader >= 0:
-            return Conclusion(Outcome.IDENTIFIED, f"its probability is {probability[leader]:.4f} {after}")
-        if none >= self.options.confidence:
-            return Conclusion(Outcome.UNKNOWN, f"the probability of that is {none:.4f} {after}")
+            return Conclusion(Outcome.IDENTIFIED, f"its probability is {judgement.probability[leader]:.4f} {after}")
+        if judgement.none >= self.options.confidence:
+            return Conclusion(Outcome.UNKNOWN, f"the probability of that is {judgement.none:.4f} {after}")
+        first = int(np.argmax(judgement.probability))
+        sure = judgement.probability[first] + judgement.another >= self.options.confidence
+        if sure and judgement.another >= DOUBTFUL:
+            seen = f"it looks like {self.predictions.names[first]}, but from one side like nothing that was learned"
+            return Conclusion(Outcome.UNDECIDED, f"{seen}: it is something new, or the model is wrong there; {after}")
         return None
 
     def _samples(self, state: FilterState, chosen: Sequence[int], probability: FloatArray) -> PoseSamples:
