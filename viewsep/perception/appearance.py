@@ -7,20 +7,21 @@ into sight are no wider than 2 R sin(a). A wider piece that was not shown that n
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import cv2
 import numpy as np
 
 from viewsep.messages import Array, BoolArray, FloatArray
 from viewsep.perception.boxes import Box
+from viewsep.perception.light import scaled
 
 ACROSS = 20  # cells across the object's radius
 COARSEST, FINEST = 0.7, 1.6  # times that many, until other cells are taken
 TOLERANCE, TOLERANCE_SHARE = 20.0, 0.12  # grey levels, and of how bright it is: sides turn to and from the light
 SHAKE_CELLS = 0.5
 BESIDE, ALIKE = (3, 3), 0.6  # cells around one, and how many of them must be alike as well
-LOOK_EVERY = 8  # steps
-NOWHERE = -1000  # a colour that nothing is like
+LOOK_AT = (3, 6, 12, 24, 48)  # steps
 HALF = 128  # of 255: from there on a cell is the object's
 
 
@@ -28,8 +29,8 @@ HALF = 128  # of 255: from there on a cell is the object's
 class Appearance:
     """The object in square cells of `cell_px`, which begin at the picture's corner.
 
-    `box` holds it, in cells; `colours` (h, w, 3) int16 are those of its own pixels, NOWHERE where it is not; `light`
-    (3,) or None is the ground's. `radius_px` is that of the circle around it.
+    `box` holds it, in cells; `colours` (h, w, 4) uint8 are those of its own pixels with 255 behind them, all zero where
+    it is not; `light` (3,) or None is the ground's. `radius_px` is that of the circle around it.
     """
 
     cell_px: int
@@ -41,12 +42,12 @@ class Appearance:
     @property
     def on(self) -> BoolArray:
         """(h, w), True on the object."""
-        return np.asarray(self.colours[..., 0] > NOWHERE)
+        return np.asarray(self.colours[..., 3] > 0)
 
     def without(self, piece: Piece) -> Appearance:
         """The same with a piece and the cells around it cut out."""
         colours = self.colours.copy()
-        colours[placed(piece.grown(1), self.box)] = NOWHERE
+        colours[placed(piece.grown(1), self.box)] = 0
         return Appearance(self.cell_px, self.box, colours, self.light, self.radius_px)
 
 
@@ -96,16 +97,15 @@ def unexplained(
     """
     room = int(np.ceil(reach_cells))
     height, width = now.on.shape
-    known = _around(before, now.box, room, shift)
-    known = _with_opacity(np.where(known > NOWHERE, known * _brighter(now.light, before.light), NOWHERE))
+    known = _around(_lit(before.colours, now.light, before.light), before.box, now.box, room, shift)
     low, high = _allowed(now.colours)
     on: Array = now.on.view(np.uint8)
     missing, enough = on, np.ceil(alike * _beside(on)).astype(np.uint8)
-    for number, (dy, dx) in enumerate(_nearest_first(room, reach_cells), start=1):
+    for number, (dy, dx) in enumerate(_nearest_first(reach_cells), start=1):
         there = known[room + dy : room + dy + height, room + dx : room + dx + width]
         shown = np.asarray(cv2.inRange(there, low, high)) & on
-        missing = missing & ~np.where(_beside(shown) >= enough, shown, np.uint8(0))
-        if number % LOOK_EVERY == 0 and not opened(missing > 0, across).any():
+        missing = missing & ~(shown & (_beside(shown) >= enough))
+        if number in LOOK_AT and not opened(missing > 0, across).any():
             break
     return np.asarray(missing > 0)
 
@@ -133,11 +133,10 @@ def placed(piece: Piece, box: Box) -> BoolArray:
 def still_there(piece: Piece, now: Appearance, room: int = 2) -> tuple[float, tuple[int, int]]:
     """Which share of a piece looks as it did, moved by up to `room` cells (x, y) as in a hand, and by how many."""
     height, width = piece.cells.shape
-    known = _with_opacity(_around(now, piece.box, room, (0, 0)))
-    scale = _brighter(now.light, piece.light)
-    low, high = _allowed(np.where(piece.colours > NOWHERE, piece.colours * scale, NOWHERE))
+    known = _around(now.colours, now.box, piece.box, room, (0, 0))
+    low, high = _allowed(_lit(piece.colours, now.light, piece.light))
     shares = {}
-    for dy, dx in _nearest_first(room, 1.5 * room):
+    for dy, dx in _nearest_first(float(room)):
         there = known[room + dy : room + dy + height, room + dx : room + dx + width]
         shares[dx, dy] = float((cv2.inRange(there, low, high)[piece.cells] > 0).mean())
     where = max(shares, key=lambda step: shares[step])  # the nearest of the best
@@ -168,43 +167,39 @@ def _in_cells(
     held: Array = share >= HALF
     if not held.any():
         return None
-    colours = np.where(held[..., None], np.minimum(mean, 255.0), NOWHERE).astype(np.int16)
+    colours = np.zeros((*held.shape, 4), np.uint8)
+    colours[held, :3] = np.minimum(mean[held], 255.0)
+    colours[held, 3] = 255
     outlines, _ = cv2.findContours(held.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
     _, radius = cv2.minEnclosingCircle(np.concatenate(outlines))
     return Appearance(cell_px, cells, colours, light, (radius + 0.5) * cell_px)
 
 
-def _around(seen: Appearance, box: Box, room: int, shift: tuple[int, int]) -> Array:
-    """Its colours in a box of cells grown by `room`, all moved by `shift` (x, y)."""
+def _around(colours: Array, own: Box, box: Box, room: int, shift: tuple[int, int]) -> Array:
+    """Colours (h, w, 4) of the cells of `own` in a box of cells grown by `room`, all moved by `shift` (x, y)."""
     height, width = box.bottom - box.top + 2 * room, box.right - box.left + 2 * room
-    known = np.full((height, width, 3), NOWHERE, np.int16)
-    top, left = seen.box.top + shift[1] - box.top + room, seen.box.left + shift[0] - box.left + room
-    rows, columns = seen.colours.shape[:2]
+    known = np.zeros((height, width, 4), np.uint8)
+    top, left = own.top + shift[1] - box.top + room, own.left + shift[0] - box.left + room
+    rows, columns = colours.shape[:2]
     inside = np.s_[max(0, top) : max(0, top + rows), max(0, left) : max(0, left + columns)]
     there = known[inside]
-    there[:] = seen.colours[max(0, -top) :, max(0, -left) :][: there.shape[0], : there.shape[1]]
+    there[:] = colours[max(0, -top) :, max(0, -left) :][: there.shape[0], : there.shape[1]]
     return known
 
 
-def _with_opacity(colours: Array) -> Array:
-    """(h, w, 4) uint8: colours, and 255 where there are any."""
-    held = colours[..., :1] > NOWHERE
-    return np.where(held, np.concatenate([np.clip(colours, 0, 255), 255 * held], axis=2), 0).astype(np.uint8)
+def _lit(colours: Array, now: FloatArray | None, before: FloatArray | None) -> Array:
+    """Colours (h, w, 4) as they are in another light (3,); the same where one of the two is not known."""
+    if now is None or before is None:
+        return colours
+    return scaled(colours, np.append(np.clip(now / np.maximum(before, 1e-6), 0.5, 2.0), 1.0))
 
 
 def _allowed(colours: Array) -> tuple[Array, Array]:
     """The darkest and the brightest (h, w, 4) uint8 that count as alike."""
-    room = TOLERANCE + TOLERANCE_SHARE * colours
-    low, high = _with_opacity(np.maximum(colours - room, 0)), _with_opacity(colours + room)
+    low = scaled(colours, np.full(4, 1.0 - TOLERANCE_SHARE), -TOLERANCE)
+    high = scaled(colours, np.full(4, 1.0 + TOLERANCE_SHARE), TOLERANCE)
     low[..., 3] = high[..., 3] = 255
     return low, high
-
-
-def _brighter(now: FloatArray | None, before: FloatArray | None) -> FloatArray:
-    """(3,) by which the light is brighter; 1 where it is not known."""
-    if now is None or before is None:
-        return np.ones(3, np.float32)
-    return np.asarray(np.clip(now / np.maximum(before, 1e-6), 0.5, 2.0), np.float32)
 
 
 def _beside(cells: Array) -> Array:
@@ -212,7 +207,9 @@ def _beside(cells: Array) -> Array:
     return np.asarray(cv2.boxFilter(cells, -1, BESIDE, normalize=False, borderType=cv2.BORDER_CONSTANT))
 
 
-def _nearest_first(room: int, reach: float) -> list[tuple[int, int]]:
+@lru_cache(maxsize=64)
+def _nearest_first(reach: float) -> tuple[tuple[int, int], ...]:
     """Steps (y, x) within reach."""
+    room = int(np.ceil(reach))
     steps = [(y, x) for y in range(-room, room + 1) for x in range(-room, room + 1) if np.hypot(y, x) <= reach + 1e-9]
-    return sorted(steps, key=lambda step: (np.hypot(*step), step))
+    return tuple(sorted(steps, key=lambda step: (np.hypot(*step), step)))

@@ -19,7 +19,7 @@ from viewsep.perception.appearance import (
 )
 from viewsep.perception.boxes import Box
 
-LEAST = 0.25  # of the root of the object's area: how wide a piece is at least that spoils a mask
+LEAST = 1.0 / 3.0  # of the root of the object's area: how wide a piece is at least that spoils a mask
 STAYS = 0.5  # of a piece that still looks as it did
 MOST = 0.5  # of the figure that may be foreign: if more is new, the object is another one, or held otherwise, ...
 OTHERWISE = 0.12  # ... as it is if so much of the rest has changed, too
@@ -113,7 +113,7 @@ def _foreign(seen: Appearance, joints: tuple[float, ...], memory: Memory, known_
             old = memory.piece.box
             return replace(memory.piece, box=Box(old.left + x, old.top + y, old.right + x, old.bottom + y))
     angle, radius = memory.turned(joints), memory.reach_px(known_px) / cell_px
-    reach = 2.0 * radius * np.sin(angle / 2.0) + SHAKE_CELLS
+    reach = float(np.ceil(4.0 * radius * np.sin(angle / 2.0)) / 2.0) + SHAKE_CELLS
     widest = 2.0 * radius * np.sin(min(angle, np.pi / 2.0))
     across = int(np.ceil(max(widest + SHAKE_CELLS, LEAST * np.sqrt(seen.on.sum()), 3.0)))
     if across > min(seen.on.shape):  # anything may have come into sight
