@@ -133,3 +133,31 @@ def test_figures_at_the_picture_s_border_are_compared_as_well(where: tuple[int, 
     again = look_for_joining(image, mask, whole(SHAPE), None, (0.0,), first.memory)
     assert (first.share, again.share) == (0.0, 0.0)
     assert look_for_joining(image, np.zeros_like(mask), whole(SHAPE), None, (0.0,), again.memory).share == 0.0
+
+
+def slab(turned_rad: float, depth: float) -> tuple[Array, Array]:
+    """Picture and mask of a box 200 x (200 * depth) seen from above the table's edge, each side of one colour."""
+    corners = np.array([[-1, -depth], [1, -depth], [1, depth], [-1, depth]]) * 100.0
+    turn = np.array([[np.cos(turned_rad), -np.sin(turned_rad)], [np.sin(turned_rad), np.cos(turned_rad)]])
+    image, mask = np.full((240, 320, 3), 255, np.uint8), np.zeros(SHAPE, np.uint8)
+    placed = corners @ turn.T
+    for side, colour in enumerate([(200, 30, 30), (30, 180, 40), (40, 60, 220), (220, 210, 30)]):
+        (x0, y0), (x1, y1) = placed[side], placed[(side + 1) % 4]
+        if x1 > x0 and (x1 - x0) * (y0 + y1) - (y1 - y0) * (x0 + x1) < 0:  # to be seen
+            columns = slice(round(160 + x0), round(160 + x1))
+            image[40:200, columns], mask[40:200, columns] = colour, 1
+    return image, mask
+
+
+@pytest.mark.parametrize("depth", [0.05, 0.25, 1.0])
+@pytest.mark.parametrize("step_deg", [5.0, 10.0, 15.0, 25.0, 60.0])
+@pytest.mark.parametrize("begin_deg", [0.0, 85.0, 90.0, 180.0])
+def test_sides_that_come_into_sight_join_nothing(depth: float, step_deg: float, begin_deg: float) -> None:
+    for known_px in (0.0, 100.0 * float(np.hypot(1, depth))):
+        memory = Memory()
+        for angle in np.radians(np.arange(begin_deg, begin_deg + 100.0, step_deg)):
+            image, mask = slab(float(angle), depth)
+            assert mask.any()
+            joining = look_for_joining(image, mask, whole(SHAPE), None, (float(angle),), memory, known_px)
+            assert joining.share == 0.0
+            memory = joining.memory

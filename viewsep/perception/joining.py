@@ -20,6 +20,7 @@ from viewsep.perception.appearance import (
 from viewsep.perception.boxes import Box
 
 LEAST = 1.0 / 3.0  # of the root of the object's area: how wide a piece is at least that spoils a mask
+PARTLY_CELLS = 1.5  # that are of a new side at its two ends
 STAYS = 0.5  # of a piece that still looks as it did
 MOST = 0.5  # of the figure that may be foreign: if more is new, the object is another one, or held otherwise, ...
 OTHERWISE = 0.12  # ... as it is if so much of the rest has changed, too
@@ -115,7 +116,7 @@ def _foreign(seen: Appearance, joints: tuple[float, ...], memory: Memory, known_
     angle, radius = memory.turned(joints), memory.reach_px(known_px) / cell_px
     reach = float(np.ceil(4.0 * radius * np.sin(angle / 2.0)) / 2.0) + SHAKE_CELLS
     widest = 2.0 * radius * np.sin(min(angle, np.pi / 2.0))
-    across = int(np.ceil(max(widest + SHAKE_CELLS, LEAST * np.sqrt(seen.on.sum()), 3.0)))
+    across = int(np.ceil(max(widest + PARTLY_CELLS, LEAST * np.sqrt(seen.on.sum()), 3.0)))
     if across > min(seen.on.shape):  # anything may have come into sight
         return None
     cells = _new(seen, last, reach, across, memory.piece, (0, 0))
