@@ -15,6 +15,7 @@ from viewsep.perception.boxes import Box, around, whole
 from viewsep.perception.components import Component, largest_plausible
 from viewsep.perception.ground import Difference, Ground
 from viewsep.perception.holder import Holder
+from viewsep.perception.joining import look_for_joining
 from viewsep.perception.quality import Limits, Quality, judge
 from viewsep.perception.tracking import Track, region_of_interest
 
@@ -51,11 +52,13 @@ class Segmenter:
     """`FigureGround` by what differs from the ground: the largest plausible piece of it, holes filled, and judged.
 
     The search begins around where the object was; where that shows no whole object, all of the picture is searched.
+    `radius_px` is that of the object's bounding sphere, 0 where it is not known.
     """
 
     ground: Ground
     holder: Holder | None = None
     limits: Limits = field(default_factory=Limits)
+    radius_px: float = 0.0
 
     def segment(self, image: Array, joints: Sequence[float], track: Track) -> Figure:
         """The object in the picture, as `FigureGround` says."""
@@ -70,12 +73,18 @@ class Segmenter:
         mask = np.zeros(shape, bool)
         mask[box.part] = found.mask > 0
         quality = judge(image, found, box, tuple(joints), track, self.limits)
+        memory = track.memory
+        if quality.absent:
+            memory = memory.missing()
+        elif not ground.problem and quality.comparable:
+            joining = look_for_joining(image, found.mask, box, ground.light, tuple(joints), memory, self.radius_px)
+            quality, memory = quality.joined(joining.share), joining.memory
         problem = ground.problem or quality.problem
         return Figure(
             mask,
             quality,
             problem,
-            track.after(_shifted(around(found.mask), box), found.area, tuple(joints), not problem),
+            track.after(_shifted(around(found.mask), box), found.area, tuple(joints), not problem, memory),
             None if ground.problem else ground.light,
         )
 

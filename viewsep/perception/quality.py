@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -48,6 +48,23 @@ class Quality:
     parts: dict[str, float]
     problem: str = ""
     absent: bool = False
+
+    @property
+    def comparable(self) -> bool:
+        """Whether the mask is good but for its area, so that it can be compared with the look before."""
+        return not self.absent and all(score >= 0.5 for name, score in self.parts.items() if name != "area")
+
+    def joined(self, share: float) -> Quality:
+        """The same of a mask this share of which is something that has come before the object; 0 for none."""
+        score = min(0.49, 1.0 - share) if share > 0 else 1.0
+        problem = (
+            f"something has joined the object or come before it: {share:.0%} of what stands out is new, which turning "
+            "does not explain; take it away, or begin again if it is the object itself"
+        )
+        parts = {**self.parts, "joined": score}
+        if score >= self.score:
+            return replace(self, parts=parts)
+        return Quality(score, parts, problem)
 
 
 def judge(image: Array, found: Component, box: Box, joints: tuple[float, ...], track: Track, limits: Limits) -> Quality:

@@ -35,4 +35,4 @@ class FixedRegion:
         mask[box.part] = True
         if self.holder is not None:
             mask &= ~self.holder.at(joints, shape)
-        return Figure(mask, Quality(1.0, {}), "", track.after(box, int(mask.sum()), tuple(joints), True))
+        return Figure(mask, Quality(1.0, {}), "", track.after(box, int(mask.sum()), tuple(joints), True, track.memory))

@@ -28,9 +28,11 @@ def finder_of(config: Config) -> ObjectFinder | None:
     figure_ground: FigureGround
     match given.method:
         case "background":
-            figure_ground = Segmenter(Background(load_background(Path(given.background))), holder, limits)
+            figure_ground = Segmenter(
+                Background(load_background(Path(given.background))), holder, limits, given.object_radius_px
+            )
         case "plain":
-            figure_ground = Segmenter(PlainBackdrop(), holder, limits)
+            figure_ground = Segmenter(PlainBackdrop(), holder, limits, given.object_radius_px)
         case "region":
             assert given.region is not None  # checked with the configuration
             left, top, width, height = given.region

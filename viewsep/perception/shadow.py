@@ -35,8 +35,12 @@ def shaded_print(image: Array, lower: Array, upper: Array, shadow: Array, ground
     """
     apart = cv2.split(cv2.subtract(upper, lower))
     printed = cv2.max(cv2.max(apart[0], apart[1]), apart[2])
-    beside: Array = np.asarray(cv2.boxFilter(shadow, cv2.CV_32F, BESIDE))
-    rows, columns = np.nonzero((printed > PRINTED) & (beside > BESIDE_SHARE))
+    beside = cv2.boxFilter(shadow, -1, BESIDE, normalize=False)
+    edges = (printed > PRINTED) & (beside > BESIDE_SHARE * BESIDE[0] * BESIDE[1])
+    points = cv2.findNonZero(edges.view(np.uint8))
+    if points is None:
+        return np.zeros_like(shadow)
+    columns, rows = points[:, 0].T
     seen, whole = (
         cv2.boxFilter(cv2.multiply(cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY), shadow), cv2.CV_32F, BESIDE)
         for picture in (image, ground)
@@ -45,7 +49,7 @@ def shaded_print(image: Array, lower: Array, upper: Array, shadow: Array, ground
     at = image[rows, columns]
     within = (at >= lower[rows, columns] * level - ROOM) & (at <= upper[rows, columns] * level + ROOM)
     shaded = np.zeros_like(shadow)
-    shaded[rows, columns] = within.all(axis=1)
+    shaded[rows, columns] = within[:, 0] & within[:, 1] & within[:, 2]  # faster than all()
     return shaded
 
 

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from viewsep.perception.boxes import Box, whole
+from viewsep.perception.joining import Memory
 
 GROWTH = 0.15  # of the object's larger side, on every side
 LEAST_GROWTH_PX = 12
@@ -26,20 +27,22 @@ class Sighting:
 class Track:
     """What is remembered from picture to picture; `Track()` knows nothing.
 
-    `box` is where the object was last, `seen` are the last good figures, `doubted` those refused since.
+    `box` is where the object was last, `seen` are the last good figures, `doubted` those refused since. `memory` is of
+    what it looked like.
     """
 
     box: Box | None = None
     seen: tuple[Sighting, ...] = ()
     doubted: tuple[Sighting, ...] = ()
+    memory: Memory = field(default_factory=Memory)
 
-    def after(self, box: Box | None, area: int, joints: tuple[float, ...], good: bool) -> Track:
+    def after(self, box: Box | None, area: int, joints: tuple[float, ...], good: bool, memory: Memory) -> Track:
         """The track with one more figure; a bad one is no place to look for the next."""
         sighting = Sighting(area, joints)
         if good:
-            return Track(box, (*self.seen, sighting)[-REMEMBERED:])
+            return Track(box, (*self.seen, sighting)[-REMEMBERED:], memory=memory)
         doubted = (*self.doubted, sighting)[-CREDIBLE_AFTER:] if area else ()
-        return replace(self, box=None, doubted=doubted)
+        return replace(self, box=None, doubted=doubted, memory=memory)
 
 
 def region_of_interest(track: Track, shape: tuple[int, int]) -> Box:
