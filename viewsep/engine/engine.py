@@ -175,7 +175,8 @@ class Engine:
     def _run_out(self, state: EngineState, stamp_ns: int, reason: str) -> Step:
         """The budget is spent: a name that only waited for its pose is said all the same."""
         if state.belief and state.belief.conclusion:
-            known = pose_remark(state.belief, "the budget was spent before all was seen that was asked for")
+            what = "enough of it was seen" if self._pose_known(state.belief) else "its pose was sure"
+            known = pose_remark(state.belief, f"the budget was spent before {what}")
             return self._end(state, conclusion(state, stamp_ns, known))
         return self._end(state, indecision(state, stamp_ns, reason))
 

@@ -90,13 +90,18 @@ def least_probability(options: FilterOptions, state: FilterState, who: int, apar
 def speaks_against(predictions: Predictions, state: FilterState, k: int) -> float:
     """The evidence for none of them and against candidate k from the region where it is largest, in nats.
 
-    It is as much less as the model may err.
+    It is as much less as the model may err; 0 where a single place decides that, or where looks from elsewhere do not
+    speak for the candidate.
     """
-    near = state.views @ state.views.T > np.cos(REGION_RAD)
-    against = near @ (state.gains[:, -1] - state.gains[:, k]).astype(np.float64)
-    most = np.argmax(against)
+    cosine = state.views @ state.views.T
+    near, place = cosine > np.cos(REGION_RAD), cosine > np.cos(PLACE_RAD)
+    each = (state.gains[:, -1] - state.gains[:, k]).astype(np.float64)
+    most = int(np.argmax(near @ each))
+    against = np.where(near[most], each, 0.0)
+    if (against.sum() - place @ against).min() < NO_BETTER or each[~near[most]].sum() > -NO_BETTER:
+        return 0.0
     error2 = 2.0 * predictions.log_error2 * (near[most] @ state.shares)
-    return float(moderated(against[most], error2))
+    return float(moderated(against.sum(), error2))
 
 
 def _another(
@@ -110,6 +115,8 @@ def _another(
     told = speaks_against(predictions, state, k)
     if state.lost.who == k and rotation_angle(rotation, state.lost.rotation) < SHIFTED_RAD:
         told = max(told, state.lost.told)
+    if told <= NO_BETTER:
+        return 0.0
     region = 0.5 * (1.0 - np.cos(REGION_RAD)) * np.exp(min(told, options.floor))
     another, wrong = 0.5 * options.unknown_prior * region, MODEL_WRONG * region
     return float(another / (1.0 + wrong + another))
