@@ -140,7 +140,8 @@ class Predictions:
         shown = self.prediction(candidate, distinct)
         distance2 = (looks * looks).sum(axis=1)[:, None] - 2.0 * looks @ shown.T + (shown * shown).sum(axis=1)
         at = np.take_along_axis(distance2, place.reshape(cells.shape).T, axis=1).T
-        return self.log_of_distance2(np.maximum(at, 0.0), 0.5).astype(np.float64)
+        seen = self.log_of_distance2(np.maximum(at, 0.0), 0.5).astype(np.float64)
+        return np.where(self.known(candidate, cells), seen, self.log_of_others)
 
     def known(self, candidate: int, cells: Array) -> Array:
         """(...) cells -> (...) bool: whether the candidate has views there."""
