@@ -19,6 +19,7 @@ from painted import (
     model,
     noisy,
     painted,
+    ring_model,
     seen,
     unit,
 )
@@ -130,3 +131,17 @@ def test_who_is_far_ahead_stays_so_however_many_looks_follow() -> None:
         found.append(belief.estimate.candidates[0].probability or 0.0)
     assert max(found[:30]) > 0.99
     assert min(found[60:]) > max(found[:30]) - 1e-6
+
+
+def test_where_one_of_them_has_no_views_a_look_tells_them_apart_by_nothing() -> None:
+    everywhere, ring = elsewhere("a", 1), ring_model("b", 2)
+    pair = Predictions([everywhere, ring])
+    below, beside = np.array([[0.0, 0.1, -1.0]]), np.array([[0.0, 1.0, 0.05]])
+    for view, known in ((below, False), (beside, True)):
+        cells = cell_of(*unit(view).T)
+        assert pair.known(1, cells).tolist() == [known]
+        evidence, error2 = told(pair, unit(view), 1)
+        assert (evidence > 0.0 and error2 > 0.0) if known else (evidence, error2) == (0.0, 0.0)
+        assert (
+            pair.log_at(np.zeros((1, pair.dimensions), np.float32), 1, cells[None])[0, 0] == pair.log_of_others
+        ) is not known

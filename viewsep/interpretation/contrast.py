@@ -19,11 +19,12 @@ def contrast(
     """The evidence for candidate `one` against `other`, and the variance of its error.
 
     From looks (L, M) that count (L,), seen in (L,) `cells` of the one, or in `others` of the other. Every look has the
-    weight of what it would tell (a matched filter), which depends on the models alone.
+    weight of what it would tell (a matched filter), which depends on the models alone; none where one has no view.
     """
     told = predictions.log_at(looks, one, cells[None])[0] - predictions.log_at(looks, other, others[None])[0]
     apart = predictions.prediction(one, cells) - predictions.prediction(other, others)
     weight = expected(predictions, (apart * apart).sum(axis=1))
+    weight *= predictions.known(one, cells) & predictions.known(other, others)
     if not weight.any():
         return 0.0, 0.0
     weight /= weight.max()

@@ -153,7 +153,8 @@ class Predictions:
         product = looks @ self.prediction(candidate, distinct).T
         distance2 = (looks * looks).sum(axis=1)[:, None] - 2.0 * product + self._norm2[candidate, distinct]
         at = np.take_along_axis(distance2, place.T, axis=1).T
-        return self.log_of_distance2(np.maximum(at, 0.0), 0.5).astype(np.float64)
+        seen = self.log_of_distance2(np.maximum(at, 0.0), 0.5).astype(np.float64)
+        return np.where(self.known(candidate, cells), seen, self.log_of_others)
 
     def known(self, candidate: int, cells: Array) -> Array:
         """(...) cells -> (...) bool: whether the candidate has views there."""
