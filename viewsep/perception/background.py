@@ -121,13 +121,16 @@ class Background:
         common, inner = _intersection(box, model.moving)
         if common is None or inner is None:
             return mean, lower, upper
-        mean, lower, upper = mean.copy(), lower.copy(), upper.copy()
         seen = [model.turning[k][inner.part] for k in near]
         darkest, brightest = seen[0], seen[0]
         for other in seen[1:]:
             darkest, brightest = cv2.min(darkest, other), cv2.max(brightest, other)
-        mean[common.part] = seen[0]
-        lower[common.part], upper[common.part] = _bounds(darkest, brightest, model.tolerance)
+        turning = (seen[0], *_bounds(darkest, brightest, model.tolerance))
+        if seen[0].shape == mean.shape:  # all of the box turns
+            return turning
+        mean, lower, upper = mean.copy(), lower.copy(), upper.copy()
+        for picture, part in zip((mean, lower, upper), turning, strict=True):
+            picture[common.part] = part
         return mean, lower, upper
 
     def _light(self, image: Array, box: Box) -> tuple[FloatArray, float]:

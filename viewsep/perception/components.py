@@ -13,6 +13,7 @@ from viewsep.messages import Array
 OPENING = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (5, 5))
 RIM = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))  # differences are seen in smoothed pictures, a pixel too wide
 LINE = np.ones((9, 9), np.uint8)  # closes the breaks of a thin line
+ROOM_PX = 2 * 9
 CLOSING_PX = 9  # gaps up to about this width are closed
 FAR_OFF = 0.5  # what a piece as far off as the picture is wide counts for
 
@@ -53,10 +54,21 @@ def largest_plausible(
     areas = np.array([cv2.contourArea(outline) for outline in outlines])
     best = int(np.argmax(areas * _nearness(outlines, near, max(mask.shape))))
     cv2.drawContours(mask, outlines, best, 1, cv2.FILLED)
-    mask = _with_sides(mask, outlines[best], differs if shade is None else differs | shade)
+    piece = _piece(outlines[best], mask.shape)
+    moved = outlines[best] - np.array([piece[1].start, piece[0].start], np.int32)
+    mask[piece] = _with_sides(mask[piece], moved, differs[piece] if shade is None else differs[piece] | shade[piece])
     others = np.delete(areas, best)
     rival = float(others.sum() / max(areas[best], 1.0))
     return Component(mask, int(cv2.countNonZero(mask)), rival)
+
+
+def _piece(outline: Array, shape: tuple[int, ...]) -> tuple[slice, slice]:
+    """The rows and columns around an outline, with room for what is closed beside it."""
+    left, top, width, height = cv2.boundingRect(outline)
+    return (
+        slice(max(0, top - ROOM_PX), min(shape[0], top + height + ROOM_PX)),
+        slice(max(0, left - ROOM_PX), min(shape[1], left + width + ROOM_PX)),
+    )
 
 
 def _with_sides(mask: Array, outline: Array, differs: Array) -> Array:

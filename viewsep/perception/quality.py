@@ -126,7 +126,8 @@ def _mean3(image: Array, points: Array) -> Array:
     offsets = np.array([(dx, dy) for dx in (-1, 0, 1) for dy in (-1, 0, 1)])
     around = points[:, None] + offsets[None]
     rows, columns = np.clip(around[..., 1], 0, height - 1), np.clip(around[..., 0], 0, width - 1)
-    mean: Array = image[rows, columns].astype(np.float32).mean(axis=1)
+    colours = np.take(image.reshape(-1, 3), rows * width + columns, axis=0)
+    mean: Array = colours.sum(axis=1, dtype=np.float32) / np.float32(len(offsets))
     return mean
 
 
