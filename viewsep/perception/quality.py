@@ -111,9 +111,9 @@ def contrast_share(image: Array, outline: Array) -> float:
     """The share of the outline (N, 2) of x, y across which the picture's colours differ."""
     if len(outline) < 8:
         return 0.0
-    points = outline[np.linspace(0, len(outline) - 1, min(len(outline), OUTLINE_POINTS)).astype(int)]
-    along = (np.roll(outline, -4, axis=0) - np.roll(outline, 4, axis=0)).astype(np.float32)
-    along = along[np.linspace(0, len(outline) - 1, len(points)).astype(int)]
+    chosen = np.linspace(0, len(outline) - 1, min(len(outline), OUTLINE_POINTS)).astype(int)
+    points = outline[chosen]
+    along = (outline[(chosen + 4) % len(outline)] - outline[chosen - 4]).astype(np.float32)
     normal = np.stack([along[:, 1], -along[:, 0]], axis=1) / np.maximum(np.hypot(*along.T), 1e-3)[:, None]
     a, b = (np.rint(points + sign * ACROSS_PX * normal).astype(int) for sign in (1, -1))
     difference = np.abs(_mean3(image, a) - _mean3(image, b)).max(axis=1)

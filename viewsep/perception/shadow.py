@@ -41,13 +41,14 @@ def shaded_print(image: Array, lower: Array, upper: Array, shadow: Array, ground
     if points is None:
         return np.zeros_like(shadow)
     columns, rows = points[:, 0].T
+    here = rows * shadow.shape[1] + columns
     seen, whole = (
         cv2.boxFilter(cv2.multiply(cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY), shadow), cv2.CV_32F, BESIDE)
         for picture in (image, ground)
     )
-    level = (seen[rows, columns] / np.maximum(whole[rows, columns], 1e-3))[:, None]
-    at = image[rows, columns]
-    within = (at >= lower[rows, columns] * level - ROOM) & (at <= upper[rows, columns] * level + ROOM)
+    level = (seen.take(here) / np.maximum(whole.take(here), 1e-3))[:, None]
+    at, low, high = (picture.reshape(-1, 3).take(here, axis=0) for picture in (image, lower, upper))
+    within = (at >= low * level - ROOM) & (at <= high * level + ROOM)
     shaded = np.zeros_like(shadow)
     shaded[rows, columns] = within[:, 0] & within[:, 1] & within[:, 2]  # faster than all()
     return shaded
