@@ -24,8 +24,8 @@ CLOSE = 60.0  # logarithms of probabilities: nearer candidates are compared with
 FAR = 0.9 * FURTHEST  # about as far as the posterior lets a candidate fall: the sum of all looks' evidence goes on
 ALIKE_RAD = np.radians(8.0)  # between the poses of two models that err alike
 PLACE_RAD = np.radians(12.0)  # around a view that must not decide alone who it is
-MODEL_WRONG = 0.03  # the probability that a model is, in a whole region
 REGION_RAD = np.radians(45.0)  # nor that it is nobody: a model may be wrong in a whole region
+MODEL_WRONG = 0.03  # how probable that is
 
 
 @dataclass(frozen=True, eq=False, slots=True)
