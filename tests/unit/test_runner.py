@@ -186,6 +186,19 @@ def test_ctrl_c_while_the_workers_start_is_as_quiet(
     assert said.count("\n") == 1
 
 
+def test_what_a_stopped_run_leaves_is_cleared_away_quietly() -> None:
+    leaving = (
+        "from joblib.externals.loky.backend import resource_tracker as tracker\n"
+        "from viewsep.bench.runner import _deaf_children\n"
+        "with _deaf_children(): pass\n"
+        "tracker.register('/viewsep-test-of-what-is-left', 'semlock')\n"
+        "print(tracker._resource_tracker._pid)\n"
+    )
+    process = subprocess.run([sys.executable, "-c", leaving], capture_output=True, text=True, check=True, timeout=60)
+    wait_until(lambda: is_gone(int(process.stdout)))
+    assert process.stderr == ""
+
+
 @pytest.mark.parametrize(
     ("workers", "message"),
     [

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import signal
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -25,6 +26,7 @@ from viewsep.errors import BadInput, Interrupted, ViewsepError
 
 STOPPING = (signal.SIGINT, signal.SIGTERM)
 PARENT_CHECK_S = 1.0
+CLEARED_QUIETLY = "ignore:resource_tracker"  # trackers clear away what a stopped run leaves; nobody needs to be told
 
 Outcome = tuple[str, str | ViewsepError]
 """A call's key and its row as JSON, or the error."""
@@ -172,8 +174,12 @@ def _backend(workers: Workers) -> Iterator[None]:
 @contextmanager
 def _deaf_children() -> Iterator[None]:
     """Processes started in here never hear the Ctrl-C that the terminal sends to all; this one hears it afterwards."""
-    for tracker in (resource_tracker, joblib_tracker):  # they would be started in between, and end the deafness
-        tracker.ensure_running()
+    sys.warnoptions.append(CLEARED_QUIETLY)
+    try:
+        for tracker in (resource_tracker, joblib_tracker):  # they would be started in between, and end the deafness
+            tracker.ensure_running()
+    finally:
+        sys.warnoptions.remove(CLEARED_QUIETLY)
     before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
     try:
         yield
