@@ -33,6 +33,11 @@ def make_engine(config: Config, models: Sequence[AspectGraph]) -> Engine:
             f"planner {config.planner.name!r} plans with probabilities, and {config.interpreter.name!r} has "
             "none: choose planner 'separating', or interpreter 'filter'"
         )
+    if config.task.look_around > 0.0 and not getattr(interpreter, "gives_samples", False):
+        raise BadConfig(
+            f"task.look_around = {config.task.look_around:g}: interpreter {config.interpreter.name!r} does not keep "
+            "the views it has seen: choose interpreter 'filter', or 0"
+        )
     return Engine(
         interpreter,
         planner,
