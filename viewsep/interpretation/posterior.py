@@ -18,7 +18,7 @@ from viewsep.messages import Array, FloatArray
 NEIGHBOURS = 6  # of a rotation, that probability leaks to
 FURTHEST = 200.0  # that a candidate's logarithm falls below the best one's
 KEPT = 200  # views whose cells are kept
-NEGLIGIBLE = 21.0  # below the best logarithm: all the grid's rotations together weigh less than 1e-5
+NEGLIGIBLE = 21.0  # below the best logarithm: 12,000 such rotations together weigh less than 1e-5
 MODE_RAD = np.radians(25.0)  # around the best rotation: the rest are other ways to hold it
 
 
