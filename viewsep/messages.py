@@ -215,6 +215,7 @@ class CandidateEstimate:
 class Estimate:
     """What the interpreter believes after a percept. `comparisons` counts feature comparisons in this iteration.
 
+    A task that ends between two looks tells its last estimate again, with the phase `done` and the same `iteration`.
     `target` is the (3,) view direction the planner is driving to, or None while exploring. `unknown` is the probability
     that the object is none of the candidates, None where the interpreter has no probabilities. `note` is a sentence
     about something out of the ordinary, mostly empty.

@@ -234,7 +234,7 @@ def complete(result: ResultStatus, folder: Path) -> int:
     verify(content)
     percepts = [r.message.percept.sequence for r in content.messages if isinstance(r.message, PerceptReceived)]
     assert percepts == sorted(set(percepts))
-    return sum(isinstance(r.message, Estimate) for r in content.messages)
+    return len({r.message.iteration for r in content.messages if isinstance(r.message, Estimate)})
 
 
 def answers(client: Client) -> bool:

@@ -245,6 +245,17 @@ def test_what_was_noted_stays_below_the_live_table(monkeypatch: pytest.MonkeyPat
         assert "look 4: the light has changed" in drawn.getvalue()[before:]
 
 
+def test_an_estimate_that_is_told_again_is_noted_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    drawn = io.StringIO()
+    monkeypatch.setattr(live, "people", Console(file=drawn, force_terminal=True, width=120))
+    last = replace(BELIEF, iteration=4, note="the light has changed")
+    with live.LiveTable() as table:
+        table.hear(7, last)
+        before = drawn.tell()
+        table.hear(8, replace(last, phase=Phase.DONE))
+        assert drawn.getvalue()[before:].count("look 4: the light has changed") == 1
+
+
 def test_watch_tells_the_task_that_has_just_ended(service: FakeService, shell: Shell) -> None:
     service.end_task("t1", "undecided", None)
     ended = shell("watch")

@@ -25,7 +25,7 @@ class LiveTable:
     def __init__(self, truth: str = "") -> None:
         self._truth = truth
         self._view = ""
-        self._notes: list[str] = []
+        self._notes: dict[int, str] = {}  # of each look: the last estimate is told again as the task ends
         self._live = Live(console=people, auto_refresh=False, transient=True)
         self._active = people.is_terminal
 
@@ -46,7 +46,7 @@ class LiveTable:
             self._view = f"view az {azimuth:.0f}° el {elevation:.0f}°"
         elif isinstance(message, Estimate):
             if message.note:
-                self._notes.append(f"look {message.iteration}: {message.note}")
+                self._notes[message.iteration] = message.note
             self._live.update(self._table(message), refresh=True)
 
     def _table(self, estimate: Estimate) -> Table:
@@ -55,5 +55,5 @@ class LiveTable:
         )
         candidates = tuple(map(candidate_status, estimate.candidates))
         table = candidate_table(candidates, estimate.unknown, title, self._truth)
-        table.caption = Text("\n".join(self._notes))
+        table.caption = Text("\n".join(f"look {look}: {note}" for look, note in self._notes.items()))
         return table
