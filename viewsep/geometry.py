@@ -115,8 +115,8 @@ def great_circle(start: FloatArray, end: FloatArray, step_rad: float) -> FloatAr
     tangent = tangent_towards(start, end)
     if not tangent.any():  # the same point, or opposite ones: any great circle is a shortest one
         tangent = perpendicular(start)
-    points = [move_along(start, tangent, angle * i / count) for i in range(1, count)]
-    return np.array([*points, end])
+    turned = (angle * np.arange(1, count) / count)[:, None]
+    return np.vstack([unit(np.cos(turned) * start + np.sin(turned) * tangent), end])
 
 
 def perpendicular(direction: FloatArray) -> FloatArray:

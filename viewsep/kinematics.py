@@ -53,14 +53,21 @@ class RigGeometry:
 
     def view_directions(self, positions_rad: FloatArray) -> FloatArray:
         """(P, n) joint angles -> (P, 3) view directions."""
-        return self._views_and_jacobian(positions_rad)[0]
+        views = np.broadcast_to(self.camera_direction, (len(positions_rad), 3))
+        for cross, angle in zip(self._crosses, positions_rad.T, strict=True):
+            views = _rotate_back(views, cross, angle)
+        return views
+
+    @cached_property
+    def _crosses(self) -> list[FloatArray]:
+        """The axes' cross product matrices."""
+        return [cross_matrix(axis) for axis in self.axes]
 
     def _views_and_jacobian(self, positions_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
         """(P, n) joint angles -> views (P, 3) and their derivatives (P, 3, n) by the joint angles."""
         views = np.broadcast_to(self.camera_direction, (len(positions_rad), 3))
         jacobian = np.zeros((len(positions_rad), 3, len(self.axes)))
-        for joint, (axis, angle) in enumerate(zip(self.axes, positions_rad.T, strict=True)):
-            cross = cross_matrix(axis)
+        for joint, (cross, angle) in enumerate(zip(self._crosses, positions_rad.T, strict=True)):
             views = _rotate_back(views, cross, angle)
             for earlier in range(joint):
                 jacobian[:, :, earlier] = _rotate_back(jacobian[:, :, earlier], cross, angle)

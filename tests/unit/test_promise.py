@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from painted import POLE, TWIN, elsewhere, held, model, ring_model
 
-from viewsep.geometry import angle_between, axis_rotation, fibonacci_sphere, perpendicular
+from viewsep.geometry import angle_between, axis_rotation, fibonacci_sphere, perpendicular, unit
 from viewsep.interfaces import PoseSamples
 from viewsep.interpretation.independence import independent_share
 from viewsep.interpretation.predictions import Predictions, predictions_of
@@ -94,8 +94,9 @@ def test_two_ways_to_hold_it_promise_a_bit_about_the_pose_at_most() -> None:
 
 
 def test_a_turn_about_the_line_of_sight_cannot_be_seen_and_promises_nothing() -> None:
-    turned = axis_rotation(HELD @ POLE, np.radians(20.0)) @ HELD
-    along, across = HELD @ POLE, HELD @ np.array([1.0, 0.0, 0.0])
+    axis = unit(np.array([0.1, 0.05, 1.0]))  # well within a cell
+    along, across = HELD @ axis, HELD @ perpendicular(axis)
+    turned = axis_rotation(along, np.radians(20.0)) @ HELD
     bits = promised(twins(), samples((0, HELD, 0.5), (0, turned, 0.5)), np.stack([along, -along, across, -across])).pose
     assert bits[:2].max() < 0.1
     assert bits[2:].min() > 0.5

@@ -9,7 +9,7 @@ grows: on a path about one per `independent_rad`, and however often a place is l
 from __future__ import annotations
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg.lapack import dposv
 
 from viewsep.messages import FloatArray
 
@@ -23,7 +23,7 @@ def independent_share(views: FloatArray, seen: FloatArray, independent_rad: floa
     among = _correlation(seen, seen, independent_rad)
     np.fill_diagonal(among, 1.0)
     across = _correlation(views, seen, independent_rad)
-    solved = cho_solve(cho_factor(among), np.vstack([np.ones(len(seen)), across]).T)
+    _, solved, _ = dposv(among, np.vstack([np.ones(len(seen)), across]).T)  # by Cholesky: it is positive definite
     news = 1.0 - across @ solved[:, 0]
     uncertain = 1.0 - np.einsum("vl,lv->v", across, solved[:, 1:])
     share: FloatArray = np.minimum(news**2 / uncertain, 1.0)

@@ -27,11 +27,15 @@ class Law:
 
     def log(self, distance2: Array) -> Array:
         """(...) squared distances -> (...) float32 log densities."""
-        scale = np.float32(self.scale2)
-        power = np.float32(-0.5 * (self.freedom + self.dimensions))
-        constant = np.float32(self._constant) - np.float32(0.5 * self.dimensions) * np.log(scale)
-        density: Array = constant + power * np.log1p(distance2 / (np.float32(self.freedom) * scale))
+        constant = np.float32(self._constant) - np.float32(0.5 * self.dimensions) * np.log(np.float32(self.scale2))
+        density: Array = constant + self.log_share(distance2)
         return density
+
+    def log_share(self, distance2: Array) -> Array:
+        """(...) squared distances -> (...) float32 logarithms of what the density is of that at a distance of 0."""
+        power = np.float32(-0.5 * (self.freedom + self.dimensions))
+        share: Array = power * np.log1p(distance2 / (np.float32(self.freedom) * np.float32(self.scale2)))
+        return share
 
     @property
     def _constant(self) -> float:

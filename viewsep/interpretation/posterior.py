@@ -73,7 +73,7 @@ class Posterior:
         log_p = np.maximum(self.log_p, best - np.float32(floor)) + (raised - np.float32(top))
         none = float(np.clip(self.none - top, -floor, floor)) if np.isfinite(self.none) else self.none
         parked = self.parked - top
-        log_total = float(logsumexp(Posterior(self.active, log_p, parked, none).log_shares()))
+        log_total = _log_sum(Posterior(self.active, log_p, parked, none).log_shares())
         return Posterior(
             self.active,
             log_p - np.float32(log_total),
@@ -97,10 +97,18 @@ class Posterior:
             return self
         best = self.log_p.max(axis=1, keepdims=True)
         p = np.exp(self.log_p - best)
-        around = (_adjacency(grid) @ p.T).T
+        around = np.stack([_adjacency(grid) @ row for row in p])
         mixed = (1.0 - np.float32(share)) * p + np.float32(share / NEIGHBOURS) * around
         mixed *= p.sum(axis=1, keepdims=True) / mixed.sum(axis=1, keepdims=True)  # being a neighbour is not mutual
         return replace(self, log_p=np.log(mixed + np.float32(1e-30)) + best)
+
+
+def _log_sum(log: FloatArray) -> float:
+    """Of numbers whose logarithms are (N,); scipy's does the same in ten times the time."""
+    best = int(np.argmax(log))
+    others = np.exp(log - log[best])
+    others[best] = 0.0
+    return float(log[best] + np.log1p(others.sum()))
 
 
 @cache
@@ -158,7 +166,7 @@ class RotationGrid:
 
     def pose(self, likely: Array, log_p: Array) -> tuple[FloatArray, float]:
         """Rotations (N,) and their logarithms -> the mean around the best (3, 3), the mean squared angle to it."""
-        flat = self._flat[likely]
+        flat = np.take(self._flat, likely, axis=0)
         best = int(np.argmax(log_p))
         weight = np.exp(log_p - log_p[best]).astype(np.float64)
         cosine = flat @ flat[best]  # trace(A^T B) = 1 + 2 cos

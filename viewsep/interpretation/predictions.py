@@ -132,12 +132,12 @@ class Predictions:
         return self.temper * (disturbed - calm)
 
     def prediction(self, candidate: int, cells: Array) -> Array:
-        """(N,) cells -> (N, M) what a candidate shows there."""
+        """(...) cells -> (..., M) what a candidate shows there."""
         if candidate not in self._shown:
             if len(self._shown) >= KEPT:
                 del self._shown[next(iter(self._shown))]
             self._shown[candidate] = self._everywhere(candidate)
-        shown: Array = self._shown[candidate][cells]
+        shown: Array = np.take(self._shown[candidate], cells, axis=0)
         return shown
 
     def _everywhere(self, candidate: int) -> Array:

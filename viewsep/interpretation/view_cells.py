@@ -25,14 +25,15 @@ def cell_of(x: Array, y: Array, z: Array) -> Array:
     largest = np.maximum(np.maximum(ax, ay), az)
     along_x = ax == largest
     along_y = (ay == largest) & ~along_x
-    main = np.where(along_x, x, np.where(along_y, y, z))
-    first = np.where(along_x, y, np.where(along_y, z, x))
-    second = np.where(along_x, z, np.where(along_y, x, y))
-    face = 4 - 4 * along_x.astype(np.int32) - 2 * along_y.astype(np.int32) + (main < 0)
+    main, first, second = z.copy(), x.copy(), y.copy()
+    for component, of_x, of_y in ((main, x, y), (first, y, z), (second, z, x)):
+        np.putmask(component, along_y, of_y)
+        np.putmask(component, along_x, of_x)
+    face = 4 - 4 * along_x.view(np.int8) - 2 * along_y.view(np.int8) + (main < 0)
     scale = _RATIOS / largest
-    column = _SLOTS[(first * scale + _RATIOS).astype(np.int32)]
-    row = _SLOTS[(second * scale + _RATIOS).astype(np.int32)]
-    cells: Array = (face * PER_EDGE + row) * PER_EDGE + column
+    column = _SLOTS.take((first * scale + _RATIOS).astype(np.int32))
+    row = _SLOTS.take((second * scale + _RATIOS).astype(np.int32))
+    cells: Array = (face * np.int32(PER_EDGE) + row) * PER_EDGE + column
     return cells
 
 

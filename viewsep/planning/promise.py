@@ -13,8 +13,6 @@ from viewsep.interpretation.predictions import Predictions
 from viewsep.interpretation.view_cells import cell_of
 from viewsep.messages import Array, FloatArray
 
-_NOTHING = np.zeros(1, np.float32)
-
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Promise:
@@ -33,12 +31,12 @@ def promised(predictions: Predictions, samples: PoseSamples, views: FloatArray) 
     shown, known = _shown(predictions, samples, views)
     overlap = _overlap(predictions, samples.owner, shown)
     weight = samples.weight / samples.weight.sum()
-    same = samples.owner[:, None] == samples.owner[None, :]
-    owners = (same * weight).sum(axis=1)
-    mixed = -np.log2(overlap @ weight) @ weight
-    own = -np.log2((overlap * same) @ weight / owners)
-    leader = samples.owner[np.argmax(owners)]
-    of_leader = np.where(samples.owner == leader, weight, 0.0)
+    owners, owner = np.unique(samples.owner, return_inverse=True)
+    of_owner = np.where(owner == np.arange(len(owners))[:, None], weight, 0.0)  # (O, S)
+    alike = overlap @ np.vstack([weight, of_owner]).T.astype(np.float32)  # (V, S, 1 + O)
+    mixed = -np.log2(alike[..., 0]) @ weight
+    own = -np.log2(alike[:, np.arange(len(owner)), 1 + owner] / of_owner.sum(axis=1)[owner])
+    of_leader = of_owner[np.argmax(of_owner.sum(axis=1))]
     share = independent_share(views, samples.seen, samples.independent_rad) * (known @ weight)
     candidate: FloatArray = share * np.maximum(mixed - own @ weight, 0.0)
     pose: FloatArray = share * np.maximum(own @ of_leader / of_leader.sum(), 0.0)
@@ -47,15 +45,14 @@ def promised(predictions: Predictions, samples: PoseSamples, views: FloatArray) 
 
 def _shown(predictions: Predictions, samples: PoseSamples, views: FloatArray) -> tuple[Array, FloatArray]:
     """(V, S, M) what each sample predicts from each view, and (V, S) 1 where its model has a view close by, else 0."""
-    seen = np.einsum("sji,vj->svi", samples.rotation, views)
-    cells = cell_of(*np.moveaxis(seen, 2, 0))
+    seen = views @ samples.rotation  # (S, V, 3)
+    cells = cell_of(*np.moveaxis(seen, 2, 0)).T
     shown = np.empty((len(views), len(samples.owner), predictions.dimensions), np.float32)
     known = np.empty((len(views), len(samples.owner)))
     for k in np.unique(samples.owner):
         mine = np.flatnonzero(samples.owner == k)
-        predicted = predictions.prediction(int(k), cells[mine].ravel())
-        shown[:, mine] = predicted.reshape(len(mine), len(views), -1).transpose(1, 0, 2)
-        known[:, mine] = predictions.known(int(k), cells[mine]).T
+        shown[:, mine] = predictions.prediction(int(k), cells[:, mine])
+        known[:, mine] = predictions.known(int(k), cells[:, mine])
     return shown, known
 
 
@@ -65,18 +62,15 @@ def _overlap(predictions: Predictions, owner: Array, shown: Array) -> FloatArray
     Models whose views lie in different places err independently: between them a look tells what it will count for, with
     the error that this will be taken to have.
     """
-    shown = shown - shown.mean(axis=1, keepdims=True)  # large equal parts would cancel badly
-    half_way = -0.5 * (shown @ shown.transpose(0, 2, 1))  # squared distances to the middle between two, by and by
+    half_way = (-0.5 * shown) @ shown.transpose(0, 2, 1)  # squared distances to the middle between two, by and by
     norm2 = -0.5 * np.diagonal(half_way, axis1=1, axis2=2)
     half_way += norm2[:, :, None]
     half_way += norm2[:, None, :]
     np.maximum(half_way, 0.0, out=half_way)
     each = np.arange(half_way.shape[1])
     half_way[:, each, each] = 0.0
-    overlap = np.zeros(half_way.shape)
-    for law in predictions.laws:
-        overlap += np.exp(predictions.temper * (law.log(half_way) - law.log(_NOTHING)))
-    overlap /= len(predictions.laws)
+    calm, disturbed = (np.exp(predictions.temper * law.log_share(half_way)) for law in predictions.laws)
+    overlap: Array = 0.5 * (calm + disturbed)
     layout = predictions.layout[owner]
     err = layout[:, None] != layout
     if err.any():

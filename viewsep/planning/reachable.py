@@ -181,6 +181,8 @@ def _arcs(start: FloatArray, ends: FloatArray, step_rad: float) -> tuple[FloatAr
     index = np.arange(1, int(count.max()) + 1)
     angle = np.minimum(index * step_rad, length[:, None])[..., None]
     tangent = tangent_towards(start, ends)
-    tangent[~tangent.any(axis=1)] = perpendicular(start)  # the same point, or the opposite one
+    nowhere = ~tangent.any(axis=1)
+    if nowhere.any():  # the same point, or the opposite one
+        tangent[nowhere] = perpendicular(start)
     points = np.cos(angle) * start + np.sin(angle) * tangent[:, None]
     return points, index <= count[:, None], length
