@@ -113,7 +113,7 @@ def unexplained(
 def opened(cells: BoolArray, across: int) -> BoolArray:
     """Those cells (h, w) that lie in a disc of so many cells across which is all set."""
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (across, across))
-    wide = np.pad(cells, across).view(np.uint8)
+    wide = cv2.copyMakeBorder(cells.view(np.uint8), across, across, across, across, cv2.BORDER_CONSTANT)
     inner = cv2.morphologyEx(wide, cv2.MORPH_OPEN, disc)[across:-across, across:-across]
     return np.asarray(inner > 0)
 

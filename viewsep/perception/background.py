@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from viewsep.errors import BadInput
-from viewsep.messages import Array, BoolArray, FloatArray
+from viewsep.messages import Array, FloatArray
 from viewsep.perception.angles import Angles
 from viewsep.perception.boxes import Box, around
 from viewsep.perception.ground import Difference
@@ -128,9 +128,9 @@ class Background:
         turning = (seen[0], *_bounds(darkest, brightest, model.tolerance))
         if seen[0].shape == mean.shape:  # all of the box turns
             return turning
-        mean, lower, upper = mean.copy(), lower.copy(), upper.copy()
-        for picture, part in zip((mean, lower, upper), turning, strict=True):
-            picture[common.part] = part
+        mean, lower, upper = (
+            _pasted(still, part, common) for still, part in zip((mean, lower, upper), turning, strict=True)
+        )
         return mean, lower, upper
 
     def _light(self, image: Array, box: Box) -> tuple[FloatArray, float]:
@@ -140,13 +140,13 @@ class Background:
         """
         model = self.model
         away = _away(model.still.shape[:2], box if _covers_little(box, image.shape[:2]) else None, model.moving)
-        seen, (still, low, high) = samples(image)[away], (sample[away] for sample in model.still_samples)
+        seen, still, low, high = (sample.take(away, axis=0) for sample in (samples(image), *model.still_samples))
         gain = gains(seen, still)
         room = 2.0 * NOISE_MULTIPLE * model.noise  # more, as these pixels are not smoothed
         darkest = np.minimum(low * gain, CLIPPED) - room
         brightest = high * gain + room
-        fits = ((seen >= darkest) & (seen <= brightest)).all(axis=1)
-        return gain, 1.0 - float(fits.mean())
+        fits = (seen >= darkest) & (seen <= brightest)
+        return gain, 1.0 - float((fits[:, 0] & fits[:, 1] & fits[:, 2]).mean())
 
 
 def changed_shares(images: Sequence[Array], noise: float = 2.0) -> list[float]:
@@ -195,15 +195,16 @@ def _covers_little(box: Box, shape: tuple[int, ...]) -> bool:
     return (box.right - box.left) * (box.bottom - box.top) < 0.7 * shape[0] * shape[1]
 
 
-def _away(shape: tuple[int, ...], *boxes: Box | None) -> BoolArray:
-    """Which of the samples of a picture of `shape` lie in none of the boxes; all where that leaves too few."""
+def _away(shape: tuple[int, ...], *boxes: Box | None) -> Array:
+    """Indices of the samples of a picture of `shape` that lie in none of the boxes; all where that leaves too few."""
     rows, columns = places(shape[0]), places(shape[1])
     free = np.ones((len(rows), len(columns)), bool)
     for box in boxes:
         if box is not None:
             across = (rows >= box.top) & (rows < box.bottom)
             free[np.ix_(across, (columns >= box.left) & (columns < box.right))] = False
-    return free.ravel() if free.sum() >= FEWEST_SAMPLES else np.ones(free.size, bool)
+    found = np.flatnonzero(free)
+    return found if len(found) >= FEWEST_SAMPLES else np.arange(free.size)
 
 
 def _intersection(box: Box, other: Box) -> tuple[Box | None, Box | None]:
@@ -216,6 +217,16 @@ def _intersection(box: Box, other: Box) -> tuple[Box | None, Box | None]:
         Box(left - origin.left, top - origin.top, right - origin.left, bottom - origin.top) for origin in (box, other)
     )
     return a, b
+
+
+def _pasted(still: Array, part: Array, box: Box) -> Array:
+    """A picture with a part of another in a box of it."""
+    picture = np.empty_like(still)
+    picture[: box.top], picture[box.bottom :] = still[: box.top], still[box.bottom :]
+    if picture[box.part].shape[1] < picture.shape[1]:
+        picture[box.top : box.bottom] = still[box.top : box.bottom]
+    picture[box.part] = part
+    return picture
 
 
 def _mean(pictures: Sequence[Array]) -> Array:

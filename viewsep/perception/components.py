@@ -78,11 +78,13 @@ def _with_sides(mask: Array, outline: Array, differs: Array) -> Array:
     """
     hull = np.zeros_like(mask)
     cv2.drawContours(hull, [cv2.convexHull(outline)], -1, 1, cv2.FILLED)
-    lines = cv2.morphologyEx(np.where(hull > 0, differs, np.uint8(0)), cv2.MORPH_CLOSE, LINE) | mask
+    within: Array = differs & hull
+    lines = cv2.morphologyEx(within, cv2.MORPH_CLOSE, LINE) | mask
     outlines, _ = cv2.findContours(lines, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     enclosed = np.zeros_like(mask)
     cv2.drawContours(enclosed, outlines, -1, 1, cv2.FILLED)
-    sides = cv2.morphologyEx(np.where(mask > 0, np.uint8(0), enclosed & hull), cv2.MORPH_OPEN, OPENING)
+    beside: Array = enclosed & hull & ~mask
+    sides = cv2.morphologyEx(beside, cv2.MORPH_OPEN, OPENING)
     return np.asarray(cv2.morphologyEx(sides | mask, cv2.MORPH_CLOSE, RIM))
 
 

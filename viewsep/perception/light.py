@@ -9,6 +9,7 @@ from viewsep.messages import Array, FloatArray
 
 STRIDE = 12  # pixels between samples
 USABLE = (20, 250)  # grey levels: darker ones are noise, brighter ones clipped
+FEWEST_USABLE = 20
 
 
 def samples(picture: Array) -> Array:
@@ -24,16 +25,13 @@ def places(length: int) -> Array:
 
 def gains(seen: Array, expected: Array) -> FloatArray:
     """(3,) by which the colours `seen` (N, 3) are brighter than those `expected`; 1 where none can be compared."""
-    gain = np.ones(3)
-    for channel in range(3):
-        a, b = seen[:, channel], expected[:, channel]
-        usable = (b >= USABLE[0]) & (b <= USABLE[1]) & (a < USABLE[1]) & (a > 0)
-        if usable.sum() >= 20:
-            gain[channel] = np.median(a[usable].astype(np.float32) / b[usable])
-    return gain
+    usable = (expected >= USABLE[0]) & (expected <= USABLE[1]) & (seen < USABLE[1]) & (seen > 0)
+    ratio = seen.astype(np.float32) / np.maximum(expected, 1)
+    channels = [ratio[usable[:, channel], channel] for channel in range(3)]
+    return np.array([np.median(channel) if len(channel) >= FEWEST_USABLE else 1.0 for channel in channels], float)
 
 
 def scaled(picture: Array, gain: FloatArray, offset: float = 0.0) -> Array:
-    """An (h, w, 3) uint8 picture times the gain (3,) plus an offset, clipped."""
+    """An (h, w, C) uint8 picture times the gain (C,) plus an offset, clipped."""
     table = np.arange(256.0)[:, None] * gain[None] + offset
     return np.asarray(cv2.LUT(picture, np.clip(np.rint(table), 0, 255).astype(np.uint8)[None]))

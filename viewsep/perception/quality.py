@@ -115,8 +115,9 @@ def contrast_share(image: Array, outline: Array) -> float:
     points = outline[chosen]
     along = (outline[(chosen + 4) % len(outline)] - outline[chosen - 4]).astype(np.float32)
     normal = np.stack([along[:, 1], -along[:, 0]], axis=1) / np.maximum(np.hypot(*along.T), 1e-3)[:, None]
-    a, b = (np.rint(points + sign * ACROSS_PX * normal).astype(int) for sign in (1, -1))
-    difference = np.abs(_mean3(image, a) - _mean3(image, b)).max(axis=1)
+    across = np.rint(np.concatenate([points + ACROSS_PX * normal, points - ACROSS_PX * normal])).astype(int)
+    outside, inside = np.split(_mean3(image, across), 2)
+    difference = np.abs(outside - inside).max(axis=1)
     return float((difference > SEEN_GREY_LEVELS).mean())
 
 
@@ -124,10 +125,10 @@ def _mean3(image: Array, points: Array) -> Array:
     """(N, 3) mean colour of 3 x 3 pixels around points (N, 2) of x, y."""
     height, width = image.shape[:2]
     offsets = np.array([(dx, dy) for dx in (-1, 0, 1) for dy in (-1, 0, 1)])
-    around = points[:, None] + offsets[None]
+    around = points + offsets[:, None]  # (9, N, 2)
     rows, columns = np.clip(around[..., 1], 0, height - 1), np.clip(around[..., 0], 0, width - 1)
     colours = np.take(image.reshape(-1, 3), rows * width + columns, axis=0)
-    mean: Array = colours.sum(axis=1, dtype=np.float32) / np.float32(len(offsets))
+    mean: Array = colours.sum(axis=0, dtype=np.float32) / np.float32(len(offsets))
     return mean
 
 
