@@ -14,7 +14,7 @@ OPENING = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (5, 5))
 RIM = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))  # differences are seen in smoothed pictures, a pixel too wide
 LINE = np.ones((9, 9), np.uint8)  # closes the breaks of a thin line
 ROOM_PX = 2 * 9
-CLOSING_PX = 9  # gaps up to about this width are closed
+CLOSING = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (9, 9))  # gaps up to about this width are closed
 FAR_OFF = 0.5  # what a piece as far off as the picture is wide counts for
 
 
@@ -90,8 +90,7 @@ def _with_sides(mask: Array, outline: Array, differs: Array) -> Array:
 
 def _closed(clean: Array) -> Array:
     """Gaps closed, but nothing grows onto the border: what is there was there before."""
-    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (CLOSING_PX, CLOSING_PX))
-    closed: Array = np.asarray(cv2.morphologyEx(clean, cv2.MORPH_CLOSE, kernel))
+    closed: Array = np.asarray(cv2.morphologyEx(clean, cv2.MORPH_CLOSE, CLOSING))
     for edge in (np.s_[0], np.s_[-1], np.s_[:, 0], np.s_[:, -1]):
         closed[edge] = clean[edge]
     return closed

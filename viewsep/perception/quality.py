@@ -124,11 +124,11 @@ def contrast_share(image: Array, outline: Array) -> float:
 def _mean3(image: Array, points: Array) -> Array:
     """(N, 3) mean colour of 3 x 3 pixels around points (N, 2) of x, y."""
     height, width = image.shape[:2]
-    offsets = np.array([(dx, dy) for dx in (-1, 0, 1) for dy in (-1, 0, 1)])
-    around = points + offsets[:, None]  # (9, N, 2)
-    rows, columns = np.clip(around[..., 1], 0, height - 1), np.clip(around[..., 0], 0, width - 1)
-    colours = np.take(image.reshape(-1, 3), rows * width + columns, axis=0)
-    mean: Array = colours.sum(axis=0, dtype=np.float32) / np.float32(len(offsets))
+    offsets = np.array([[-1], [0], [1]])
+    columns, rows = np.clip(points[:, 0] + offsets, 0, width - 1), np.clip(points[:, 1] + offsets, 0, height - 1)
+    around = (rows[:, None] * width + columns).reshape(-1, len(points))  # (9, N)
+    colours = np.take(image.reshape(-1, 3), around, axis=0)
+    mean: Array = colours.sum(axis=0, dtype=np.float32) / np.float32(len(around))
     return mean
 
 
