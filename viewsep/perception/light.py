@@ -25,10 +25,13 @@ def places(length: int) -> Array:
 
 def gains(seen: Array, expected: Array) -> FloatArray:
     """(3,) by which the colours `seen` (N, 3) are brighter than those `expected`; 1 where none can be compared."""
+    if len(seen) < FEWEST_USABLE:
+        return np.ones(3)
     usable = (expected >= USABLE[0]) & (expected <= USABLE[1]) & (seen < USABLE[1]) & (seen > 0)
-    ratio = seen.astype(np.float32) / np.maximum(expected, 1)
-    channels = [ratio[usable[:, channel], channel] for channel in range(3)]
-    return np.array([np.median(channel) if len(channel) >= FEWEST_USABLE else 1.0 for channel in channels], float)
+    ratio = np.where(usable, seen.astype(np.float32) / np.maximum(expected, 1), np.float32(np.inf))
+    ordered, count, channel = np.sort(ratio, axis=0), usable.sum(axis=0), np.arange(3)  # the usable ones are first
+    median = 0.5 * (ordered[(count - 1) // 2, channel] + ordered[count // 2, channel])
+    return np.where(count >= FEWEST_USABLE, median, 1.0).astype(float)
 
 
 def scaled(picture: Array, gain: FloatArray, offset: float = 0.0) -> Array:
