@@ -223,7 +223,7 @@ def _pasted(still: Array, part: Array, box: Box) -> Array:
     """A picture with a part of another in a box of it."""
     picture = np.empty_like(still)
     picture[: box.top], picture[box.bottom :] = still[: box.top], still[box.bottom :]
-    if picture[box.part].shape[1] < picture.shape[1]:
+    if box.right - box.left < picture.shape[1]:
         picture[box.top : box.bottom] = still[box.top : box.bottom]
     picture[box.part] = part
     return picture
