@@ -13,9 +13,9 @@ from shell import Shell
 
 from viewsep.descriptors.cch import ColourCooccurrence
 from viewsep.geometry import angle_between, axis_rotation, rotation_angle
-from viewsep.interpretation.view_cells import CELLS, cell_directions
+from viewsep.interpretation.view_cells import CELLS, cell_areas, cell_directions
 from viewsep.kinematics import preset
-from viewsep.library_check.alignment import Candidates, aligned, alignments, bits_of, cell_areas, confusion_of
+from viewsep.library_check.alignment import Candidates, aligned, alignments, bits_of, confusion_of
 from viewsep.library_check.objects import TurnedPose, alone, why_again
 from viewsep.library_check.pairs import (
     CONFUSED,

@@ -10,7 +10,8 @@ import pytest
 from painted import NODES, TWIN, model, noisy, painted, ring_model, unit
 
 from viewsep.geometry import angle_between, axis_rotation
-from viewsep.interpretation.predictions import CALM, DISTURBED, STRANGE, TEMPERS, Predictions, predictions_of
+from viewsep.interpretation.predictions import CALM, DISTURBED, STRANGE, TEMPERS, Predictions
+from viewsep.interpretation.unlearned import predictions_of
 from viewsep.interpretation.view_cells import CELLS, cell_directions, cell_of
 from viewsep.messages import Array, FloatArray
 from viewsep.trials import trial_directions

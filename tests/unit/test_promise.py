@@ -11,7 +11,8 @@ from painted import POLE, TWIN, elsewhere, held, model, ring_model
 from viewsep.geometry import angle_between, axis_rotation, fibonacci_sphere, perpendicular, unit
 from viewsep.interfaces import PoseSamples
 from viewsep.interpretation.independence import independent_share
-from viewsep.interpretation.predictions import Predictions, predictions_of
+from viewsep.interpretation.predictions import Predictions
+from viewsep.interpretation.unlearned import predictions_of
 from viewsep.messages import FloatArray
 from viewsep.planning.promise import Promise, promised
 

@@ -19,8 +19,8 @@ from viewsep.interpretation.holding import Held, compared
 from viewsep.interpretation.independence import independent_share
 from viewsep.interpretation.judgement import CLOSE, Judgement, corroborated, judged, speaks_against
 from viewsep.interpretation.posterior import Posterior, RotationGrid, spacing_rad_of
-from viewsep.interpretation.predictions import predictions_of
 from viewsep.interpretation.refinement import REFINED_BELOW_RAD, refined
+from viewsep.interpretation.unlearned import predictions_of
 from viewsep.messages import Array, CandidateEstimate, Estimate, FloatArray, HypothesisViews, Outcome, Percept, Phase
 from viewsep.models.aspect_graph import AspectGraph
 

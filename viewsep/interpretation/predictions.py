@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 
@@ -35,6 +35,16 @@ class _Measured:
     looks: Array
 
 
+@dataclass(frozen=True, eq=False, slots=True)
+class Loan:
+    """What candidate `lender` shows in cells `at` (C,), `borrower` is expected to show in `cells` (C,), unlearned."""
+
+    borrower: int
+    lender: int
+    cells: Array
+    at: Array
+
+
 class Predictions:
     """All candidates' views as one matrix, and the law of looks at them.
 
@@ -58,12 +68,12 @@ class Predictions:
         self._views_norm2: Array = np.einsum("ne,ne->n", self.views, self.views)
         self.starts = np.cumsum([0, *(len(model.directions) for model in models[:-1])])
         self._counts = [len(model.directions) for model in models]
-        self._edges, self._edge_starts = _edges_of(models, self.starts)
-        apart = self.views[self._edges[:, 0]] - self.views[self._edges[:, 1]]
-        self._edge_length2: Array = np.maximum(np.einsum("ne,ne->n", apart, apart), np.float32(1e-12))
+        self._connect(_edges_of(models, self.starts))
         self._node = np.stack([part.node + start for part, start in zip(parts, self.starts, strict=True)])
         self._weight = np.stack([part.weight for part in parts])
         self._covered = np.stack([part.covered for part in parts])
+        self._lent: Array | None = None  # (K, CELLS) where it shows what another one does
+        self._lenders = [{k} for k in range(len(models))]  # whose views a candidate shows
         self._shown: dict[int, Array] = {}  # of the candidates asked about latest, for it takes a megabyte each
         self._norm2 = np.stack([self._predicted_norm2(k) for k in range(len(models))])
         measured = [_measured(residual, self.metric) for residual in residuals]
@@ -92,7 +102,7 @@ class Predictions:
     def distance2(self, look: Array, candidates: Array) -> Array:
         """(M,) projected look and (A,) candidates -> (A, CELLS) squared distances to what they show in the cells."""
         product = np.empty(len(self.views), np.float32)
-        for k in candidates:
+        for k in set().union(*(self._lenders[k] for k in candidates)):
             own = slice(self.starts[k], self.starts[k] + self._counts[k])
             np.dot(self.views[own], look, out=product[own])
         predicted = np.einsum("kcj,kcj->kc", self._weight[candidates], product[self._node[candidates]])
@@ -103,9 +113,11 @@ class Predictions:
         """(M,) projected look, (A,) candidates -> (A, CELLS) float32 tempered log-likelihoods.
 
         `calm` is the probability that looks are as clean as the models' views. Where a model has no view close enough,
-        the look is as likely as one at any object.
+        the look is as likely as one at any object; at least as likely where it shows what another one lends.
         """
         seen = self.log_of_distance2(self.distance2(look, candidates), calm)
+        if self._lent is not None:
+            np.maximum(seen, np.float32(self.log_of_others), out=seen, where=self._lent[candidates])
         return np.where(self._covered[candidates], seen, np.float32(self.log_of_others))
 
     def fit(self, nearest2: Array) -> Array:
@@ -123,6 +135,18 @@ class Predictions:
         distance2 = (1.0 - share) * of_a + share * of_b - share * (1.0 - share) * self._edge_length2
         nearest: Array = np.minimum.reduceat(distance2, self._edge_starts) + look @ look
         return np.maximum(nearest, 0.0)
+
+    def resembling(self, candidate: int, count: int) -> Array:
+        """(A,) others with a view as close to one of about `count` of this one's as neighbours are, closest first."""
+        own = self.views[self.starts[candidate] :][: self._counts[candidate]]
+        asked = own[:: max(1, len(own) // count)]
+        distance2 = self._views_norm2[:, None] - 2.0 * self.views @ asked.T + np.einsum("qe,qe->q", asked, asked)
+        nearest2 = np.minimum.reduceat(distance2, self.starts).min(axis=1)
+        edges = np.diff(self._edge_starts, append=len(self._edges))
+        apart = nearest2 * edges / np.add.reduceat(self._edge_length2, self._edge_starts)  # in steps between neighbours
+        apart[candidate] = np.inf
+        order = np.argsort(apart, kind="stable")
+        return np.asarray(order[apart[order] < 1.0])
 
     def disturbance(self, look: Array, candidate: int, cell: int) -> float:
         """The logarithm of how much more likely a look is as a disturbed one than as a clean one, from a cell."""
@@ -154,6 +178,8 @@ class Predictions:
         distance2 = (looks * looks).sum(axis=1)[:, None] - 2.0 * product + self._norm2[candidate, distinct]
         at = np.take_along_axis(distance2, place.T, axis=1).T
         seen = self.log_of_distance2(np.maximum(at, 0.0), 0.5).astype(np.float64)
+        if self._lent is not None:
+            np.maximum(seen, self.log_of_others, out=seen, where=self._lent[candidate, cells])
         return np.where(self.known(candidate, cells), seen, self.log_of_others)
 
     def known(self, candidate: int, cells: Array) -> Array:
@@ -170,6 +196,34 @@ class Predictions:
         apart = np.abs(clean - disturbed)
         mixed: Array = np.float32(self.temper) * (np.maximum(clean, disturbed) + np.log1p(np.exp(-apart)))
         return mixed
+
+    def _connect(self, edges: Sequence[Array]) -> None:
+        """Every candidate's (E, 2) neighbouring views, at least one pair."""
+        self._edges: Array = np.concatenate(edges)
+        self._edge_starts = np.cumsum([0, *(len(part) for part in edges[:-1])])
+        apart = self.views[self._edges[:, 0]] - self.views[self._edges[:, 1]]
+        self._edge_length2: Array = np.maximum(np.einsum("ne,ne->n", apart, apart), np.float32(1e-12))
+
+    def borrowing(self, loans: Sequence[Loan]) -> Predictions:
+        """The same where candidates have views; elsewhere they may show what others lend them, or anything."""
+        filled = copy(self)
+        filled._node, filled._weight = self._node.copy(), self._weight.copy()
+        filled._covered, filled._norm2 = self._covered.copy(), self._norm2.copy()
+        filled._lent = np.zeros_like(self._covered)
+        filled._lenders, filled._shown = [set(own) for own in self._lenders], {}
+        for loan in loans:
+            filled._node[loan.borrower, loan.cells] = self._node[loan.lender, loan.at]
+            filled._weight[loan.borrower, loan.cells] = self._weight[loan.lender, loan.at]
+            filled._covered[loan.borrower, loan.cells] = filled._lent[loan.borrower, loan.cells] = True
+            filled._lenders[loan.borrower].add(loan.lender)
+        for k in {loan.borrower for loan in loans}:
+            filled._norm2[k] = filled._predicted_norm2(k)
+        edges = np.split(self._edges, self._edge_starts[1:])
+        for loan in loans:
+            shown = np.isin(edges[loan.lender], self._node[loan.lender, loan.at]).all(axis=1)
+            edges[loan.borrower] = np.concatenate([edges[loan.borrower], edges[loan.lender][shown]])
+        filled._connect(edges)
+        return filled
 
     def _predicted_norm2(self, k: int) -> Array:
         """(CELLS,) squared length of the mixtures, which are shorter than the features they are made of."""
@@ -204,12 +258,6 @@ class Predictions:
                 found = np.exp(powers)
                 total += np.log(np.maximum(found[:, near].sum(axis=1) / found.sum(axis=1), 1e-6))
         return float(TEMPERS[int(np.argmax(total))])
-
-
-@lru_cache(maxsize=2)
-def predictions_of(models: tuple[AspectGraph, ...]) -> Predictions:
-    """Those of these models, shared by interpreter and planner."""
-    return Predictions(models)
 
 
 def _layout_of(model: AspectGraph) -> bytes:
@@ -258,11 +306,9 @@ def _laws(measured: Sequence[_Measured], dimensions: int) -> tuple[Law, Law]:
     return calm, disturbed
 
 
-def _edges_of(models: Sequence[AspectGraph], starts: Array) -> tuple[Array, Array]:
-    """(E, 2) neighbouring views of all models, and (K,) where each model's begin; a view alone is its own neighbour."""
-    edges = [
-        model.edges if len(model.edges) else np.repeat(np.arange(len(model.directions))[:, None], 2, axis=1)
-        for model in models
+def _edges_of(models: Sequence[AspectGraph], starts: Array) -> list[Array]:
+    """(E, 2) neighbouring views of each model, among those of all; a view alone is its own neighbour."""
+    return [
+        start + (model.edges if len(model.edges) else np.repeat(np.arange(len(model.directions))[:, None], 2, axis=1))
+        for model, start in zip(models, starts, strict=True)
     ]
-    begin = np.cumsum([0, *(len(part) for part in edges[:-1])])
-    return np.concatenate([part + start for part, start in zip(edges, starts, strict=True)]), begin

@@ -52,6 +52,17 @@ def cell_directions() -> FloatArray:
     return middles
 
 
+@cache
+def cell_areas() -> FloatArray:
+    """(CELLS,) shares of the sphere, read-only."""
+    parts = np.abs(cell_directions())
+    main = parts.max(axis=1)
+    area = ((main**2)[:, None] + parts**2).prod(axis=1) / (2.0 * main**3)  # the main one gives 2 main^2
+    shares: FloatArray = area / area.sum()
+    shares.setflags(write=False)
+    return shares
+
+
 def _angle(slot: Array) -> FloatArray:
     angles: FloatArray = (slot + 0.5) * (2.0 * _QUARTER / PER_EDGE) - _QUARTER
     return angles

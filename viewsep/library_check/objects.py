@@ -8,8 +8,8 @@ import numpy as np
 
 from viewsep.geometry import rotation_angle
 from viewsep.interfaces import Descriptor
-from viewsep.interpretation.view_cells import CELLS
-from viewsep.library_check.alignment import Alignment, Candidates, alignments, cell_areas
+from viewsep.interpretation.view_cells import CELLS, cell_areas
+from viewsep.library_check.alignment import Alignment, Candidates, alignments
 from viewsep.library_check.pairs import TELLING_BITS
 from viewsep.messages import FloatArray
 from viewsep.models.aspect_graph import AspectGraph

@@ -12,8 +12,8 @@ from scipy.spatial import cKDTree
 
 from viewsep.geometry import angle_between, unit
 from viewsep.interpretation.rotation_grid import rotation_grid
-from viewsep.interpretation.view_cells import cell_directions, cell_of
-from viewsep.library_check.alignment import Alignment, Candidates, alignments, cell_areas
+from viewsep.interpretation.view_cells import cell_areas, cell_directions, cell_of
+from viewsep.library_check.alignment import Alignment, Candidates, alignments
 from viewsep.messages import BoolArray, FloatArray
 from viewsep.planning.reachable import ReachableViews
 

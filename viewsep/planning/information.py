@@ -11,7 +11,7 @@ from pydantic import Field
 
 from viewsep.geometry import angle_between, fibonacci_sphere
 from viewsep.interfaces import Conclusion, Interpretation, NextView, PoseSamples
-from viewsep.interpretation.predictions import predictions_of
+from viewsep.interpretation.unlearned import predictions_of
 from viewsep.messages import Array, FloatArray, Outcome, Phase
 from viewsep.models.aspect_graph import AspectGraph
 from viewsep.planning.exploration import GeodesicExploration

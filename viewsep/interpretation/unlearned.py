@@ -1,0 +1,56 @@
+"""What a candidate is expected to show where it was not learned: what its look-alike shows there.
+
+A twin that is seen from a side that was learned of the other one only must not be taken for that one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import lru_cache
+
+import numpy as np
+
+from viewsep.interpretation.overlay import everywhere, overlays
+from viewsep.interpretation.predictions import Loan, Predictions
+from viewsep.interpretation.view_cells import CELLS, cell_areas, cell_directions, cell_of
+from viewsep.messages import FloatArray
+from viewsep.models.aspect_graph import AspectGraph
+
+GAP = 0.01  # of the sphere: with less unlearned a candidate counts as known from everywhere
+ALIKE = 1.0 / 3.0  # of what a candidate shows, its look-alike shows too
+ASKED = 16  # views of a candidate: where a look-alike shows none of them it is none
+MOST = 3  # look-alikes that are laid over a candidate
+
+
+@lru_cache(maxsize=2)
+def predictions_of(models: tuple[AspectGraph, ...]) -> Predictions:
+    """Those of these models, shared by interpreter and planner."""
+    predictions = Predictions(models)
+    loans = [loan for k in range(len(models)) for loan in _loans(predictions, k)]
+    return predictions.borrowing(loans) if loans else predictions
+
+
+def _loans(predictions: Predictions, k: int) -> Iterator[Loan]:
+    """What look-alikes lend to candidate k, the most alike one first."""
+    known = predictions.known(k, np.arange(CELLS))
+    if cell_areas()[~known].sum() <= GAP:
+        return
+    found = []
+    for other in predictions.resembling(k, ASKED)[:MOST]:
+        for rotation in overlays(predictions, k, other)[:1]:
+            found.append((_likeness(predictions, k, other, rotation), other, rotation))
+    for likeness, other, rotation in sorted(found, key=lambda one: -one[0]):
+        at = cell_of(*(cell_directions() @ rotation.T).T)
+        cells = np.flatnonzero(~known & predictions.known(other, at))
+        if likeness >= ALIKE and len(cells):
+            yield Loan(k, other, cells, at[cells])
+            known[cells] = True
+
+
+def _likeness(predictions: Predictions, k: int, other: int, rotation: FloatArray) -> float:
+    """The share of what both show that looks could take for either, the other one turned by `rotation` (3, 3)."""
+    (shown, known), (others, others_known) = everywhere(predictions, k), everywhere(predictions, other)
+    at = cell_of(*(cell_directions() @ rotation.T).T)
+    distance2 = ((shown - others[at]) ** 2).sum(axis=1)
+    both, alike = known & others_known[at], predictions.log_of_distance2(distance2, 0.5) > predictions.log_of_others
+    return float(cell_areas()[both & alike].sum() / max(cell_areas()[both].sum(), 1e-12))
