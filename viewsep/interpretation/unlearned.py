@@ -9,16 +9,18 @@ from collections.abc import Iterator
 from functools import lru_cache
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from viewsep.interpretation.overlay import everywhere, overlays
 from viewsep.interpretation.predictions import Loan, Predictions
 from viewsep.interpretation.view_cells import CELLS, cell_areas, cell_directions, cell_of
-from viewsep.messages import FloatArray
+from viewsep.messages import BoolArray, FloatArray
 from viewsep.models.aspect_graph import AspectGraph
 
 GAP = 0.01  # of the sphere: with less unlearned a candidate counts as known from everywhere
 ALIKE = 1.0 / 3.0  # of what a candidate shows, its look-alike shows too
 ASKED = 16  # views of a candidate: where a look-alike shows none of them it is none
+STRIP = 0.7  # of the angle between views: the tilt between two rings is as vague, and shows strips beside them
 MOST = 3  # look-alikes that are laid over a candidate
 
 
@@ -26,12 +28,12 @@ MOST = 3  # look-alikes that are laid over a candidate
 def predictions_of(models: tuple[AspectGraph, ...]) -> Predictions:
     """Those of these models, shared by interpreter and planner."""
     predictions = Predictions(models)
-    loans = [loan for k in range(len(models)) for loan in _loans(predictions, k)]
+    loans = [loan for k, model in enumerate(models) for loan in _loans(predictions, k, STRIP * model.spacing_rad)]
     return predictions.borrowing(loans) if loans else predictions
 
 
-def _loans(predictions: Predictions, k: int) -> Iterator[Loan]:
-    """What look-alikes lend to candidate k, the most alike one first."""
+def _loans(predictions: Predictions, k: int, strip_rad: float) -> Iterator[Loan]:
+    """What look-alikes lend to candidate k, the most alike one first, without strips of less than twice `strip_rad`."""
     known = predictions.known(k, np.arange(CELLS))
     if cell_areas()[~known].sum() <= GAP:
         return
@@ -41,7 +43,7 @@ def _loans(predictions: Predictions, k: int) -> Iterator[Loan]:
             found.append((_likeness(predictions, k, other, rotation), other, rotation))
     for likeness, other, rotation in sorted(found, key=lambda one: -one[0]):
         at = cell_of(*(cell_directions() @ rotation.T).T)
-        cells = np.flatnonzero(~known & predictions.known(other, at))
+        cells = np.flatnonzero(_wide(~known & predictions.known(other, at), strip_rad))
         if likeness >= ALIKE and len(cells):
             yield Loan(k, other, cells, at[cells])
             known[cells] = True
@@ -54,3 +56,17 @@ def _likeness(predictions: Predictions, k: int, other: int, rotation: FloatArray
     distance2 = ((shown - others[at]) ** 2).sum(axis=1)
     both, alike = known & others_known[at], predictions.log_of_distance2(distance2, 0.5) > predictions.log_of_others
     return float(cell_areas()[both & alike].sum() / max(cell_areas()[both].sum(), 1e-12))
+
+
+def _wide(cells: BoolArray, within_rad: float) -> BoolArray:
+    """(CELLS,) only those that lie in or next to a cap of that radius in them: narrower strips are left out."""
+    if cells.all():
+        return cells
+    middles = cell_directions()
+    to_edge = np.asarray(cKDTree(middles[~cells]).query(middles)[0])
+    inside: BoolArray = to_edge > 2.0 * np.sin(0.5 * within_rad)
+    if not inside.any():
+        return inside
+    to_inside = np.asarray(cKDTree(middles[inside]).query(middles)[0])
+    wide: BoolArray = cells & (to_inside <= 2.0 * np.sin(within_rad))
+    return wide
