@@ -140,7 +140,7 @@ class Predictions:
         """(A,) others with a view as close to one of about `count` of this one's as neighbours are, closest first."""
         own = self.views[self.starts[candidate] :][: self._counts[candidate]]
         asked = own[:: max(1, len(own) // count)]
-        distance2 = self._views_norm2[:, None] - 2.0 * self.views @ asked.T + np.einsum("qe,qe->q", asked, asked)
+        distance2 = self._views_norm2[:, None] - self.views @ (2.0 * asked).T + np.einsum("qe,qe->q", asked, asked)
         nearest2 = np.minimum.reduceat(distance2, self.starts).min(axis=1)
         edges = np.diff(self._edge_starts, append=len(self._edges))
         apart = nearest2 * edges / np.add.reduceat(self._edge_length2, self._edge_starts)  # in steps between neighbours

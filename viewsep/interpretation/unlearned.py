@@ -18,7 +18,7 @@ from viewsep.messages import BoolArray, FloatArray
 from viewsep.models.aspect_graph import AspectGraph
 
 GAP = 0.01  # of the sphere: with less unlearned a candidate counts as known from everywhere
-ALIKE = 1.0 / 3.0  # of what a candidate shows, its look-alike shows too
+ALIKE = 1.0 / 3.0  # of what two look-alikes show they have in common
 ASKED = 16  # views of a candidate: where a look-alike shows none of them it is none
 STRIP = 0.7  # of the angle between views: the tilt between two rings is as vague, and shows strips beside them
 MOST = 3  # look-alikes that are laid over a candidate
