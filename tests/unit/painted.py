@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -96,6 +97,25 @@ def graph(
         descriptor_parameters={},
         provenance=Provenance("", "", ""),
         trials=trials,
+    )
+
+
+def unlearned(one: AspectGraph, around: FloatArray, within_deg: float, turn: FloatArray) -> AspectGraph:
+    """The model without views within an angle of a direction, in a frame turned by `turn` (3, 3)."""
+
+    def kept(directions: FloatArray) -> FloatArray:
+        return np.asarray(directions @ around < np.cos(np.radians(within_deg)))
+
+    views, trials = kept(one.directions), one.trials
+    assert trials is not None
+    tried = kept(trials.directions)
+    return replace(
+        one,
+        directions=one.directions[views] @ turn.T,
+        edges=(np.cumsum(views) - 1)[one.edges[views[one.edges].all(axis=1)]],
+        features=one.features[views],
+        thumbnails=one.thumbnails[views],
+        trials=Trials(trials.directions[tried] @ turn.T, trials.features[tried], trials.disturbed[tried]),
     )
 
 

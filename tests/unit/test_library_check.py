@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from painted import DIMENSIONS, EDGES, NODES, POLE, TWIN, graph, model, noisy, painted, ring_model
+from painted import DIMENSIONS, EDGES, NODES, POLE, TWIN, graph, model, noisy, painted, ring_model, unlearned
 from shell import Shell
 
 from viewsep.descriptors.cch import ColourCooccurrence
@@ -227,6 +227,17 @@ def test_models_of_a_ring_cover_a_part() -> None:
     assert one.again == "it has no trials to learn the likelihood from"
 
 
+def test_where_it_was_not_learned_its_look_alike_is_named() -> None:
+    gapped = unlearned(models()[TWINNED], -POLE, 50.0, TURN)
+    library = Candidates.of([models()[PLAIN], gapped, models()[OTHER]])
+    one = alone(library, 1)
+    assert [name for name, _ in one.lent] == ["plain"]
+    assert one.lent[0][1] == pytest.approx(1.0 - one.covered, abs=0.01)
+    assert object_in_words(one).startswith("twinned was not learned from 13 % of all sides where plain was, and is")
+    for whole in (0, 2):
+        assert alone(library, whole).lent == ()
+
+
 # ---- the command ----
 
 
@@ -266,6 +277,7 @@ def test_the_command_ranks_pairs_and_draws(shell: Shell, folder: Path, rig: Path
     assert first["told_on_rig"] < 1.0
     assert all(pair["bits"] > 0.9 for pair in rest)
     assert [one["name"] for one in ended.json["objects"]] == ["other", "plain", "twinned"]
+    assert [one["expected_to_look_like"] for one in ended.json["objects"]] == [[], [], []]
     drawn = sorted(path.name for path in (tmp_path / "pictures").iterdir())
     assert drawn[:2] == ["1_plain_twinned.png", "2_other_plain.png"]
     assert "confusion.png" in drawn

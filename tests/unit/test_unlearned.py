@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
-from painted import POLE, TWIN, graph, held, interpreter, model, painted, ring, seen, unit
+from painted import POLE, TWIN, graph, held, interpreter, model, painted, ring, seen, unit, unlearned
 
 from viewsep.geometry import axis_rotation, rotation_angle, view_edges
 from viewsep.interpretation import pose_filter
@@ -15,31 +14,12 @@ from viewsep.interpretation.overlay import overlays
 from viewsep.interpretation.predictions import Predictions
 from viewsep.interpretation.unlearned import ASKED, GAP, _wide, predictions_of
 from viewsep.interpretation.view_cells import CELLS, cell_areas, cell_directions, cell_of
-from viewsep.messages import FloatArray, Outcome, Percept
-from viewsep.models.aspect_graph import AspectGraph, Trials
+from viewsep.messages import Outcome, Percept
+from viewsep.models.aspect_graph import AspectGraph
 
 TURN = axis_rotation(np.array([0.6, 0.0, 0.8]), 2.0)  # of the frame that the twin was learned in
 PLAIN, SAME_SIDES, OTHER = range(3)
 ALL = np.arange(CELLS)
-
-
-def unlearned(one: AspectGraph, around: FloatArray, within_deg: float, turn: FloatArray) -> AspectGraph:
-    """The model without views within an angle of a direction, in a frame turned by `turn` (3, 3)."""
-
-    def kept(directions: FloatArray) -> FloatArray:
-        return np.asarray(directions @ around < np.cos(np.radians(within_deg)))
-
-    views, trials = kept(one.directions), one.trials
-    assert trials is not None
-    tried = kept(trials.directions)
-    return replace(
-        one,
-        directions=one.directions[views] @ turn.T,
-        edges=(np.cumsum(views) - 1)[one.edges[views[one.edges].all(axis=1)]],
-        features=one.features[views],
-        thumbnails=one.thumbnails[views],
-        trials=Trials(trials.directions[tried] @ turn.T, trials.features[tried], trials.disturbed[tried]),
-    )
 
 
 @cache

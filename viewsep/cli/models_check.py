@@ -176,6 +176,7 @@ def _object(one: Alone) -> dict[str, Any]:
         "trials": one.trials,
         "covered_share": one.covered,
         "learn_again": one.again,
+        "expected_to_look_like": [{"name": name, "share": share} for name, share in one.lent],
         "most_alike_turned": turned
         and {
             "axis": list(turned.axis),

@@ -28,12 +28,12 @@ MOST = 3  # look-alikes that are laid over a candidate
 def predictions_of(models: tuple[AspectGraph, ...]) -> Predictions:
     """Those of these models, shared by interpreter and planner."""
     predictions = Predictions(models)
-    loans = [loan for k, model in enumerate(models) for loan in _loans(predictions, k, STRIP * model.spacing_rad)]
+    loans = [loan for k, model in enumerate(models) for loan in loans_to(predictions, k, model.spacing_rad)]
     return predictions.borrowing(loans) if loans else predictions
 
 
-def _loans(predictions: Predictions, k: int, strip_rad: float) -> Iterator[Loan]:
-    """What look-alikes lend to candidate k, the most alike one first, without strips of less than twice `strip_rad`."""
+def loans_to(predictions: Predictions, k: int, spacing_rad: float) -> Iterator[Loan]:
+    """What look-alikes lend to candidate k, whose views are `spacing_rad` apart, the most alike one first."""
     known = predictions.known(k, np.arange(CELLS))
     if cell_areas()[~known].sum() <= GAP:
         return
@@ -43,7 +43,7 @@ def _loans(predictions: Predictions, k: int, strip_rad: float) -> Iterator[Loan]
             found.append((_likeness(predictions, k, other, rotation), other, rotation))
     for likeness, other, rotation in sorted(found, key=lambda one: -one[0]):
         at = cell_of(*(cell_directions() @ rotation.T).T)
-        cells = np.flatnonzero(_wide(~known & predictions.known(other, at), strip_rad))
+        cells = np.flatnonzero(_wide(~known & predictions.known(other, at), STRIP * spacing_rad))
         if likeness >= ALIKE and len(cells):
             yield Loan(k, other, cells, at[cells])
             known[cells] = True

@@ -8,6 +8,7 @@ import numpy as np
 
 from viewsep.geometry import rotation_angle
 from viewsep.interfaces import Descriptor
+from viewsep.interpretation.unlearned import loans_to
 from viewsep.interpretation.view_cells import CELLS, cell_areas
 from viewsep.library_check.alignment import Alignment, Candidates, alignments
 from viewsep.library_check.pairs import TELLING_BITS
@@ -47,8 +48,8 @@ class TurnedPose:
 class Alone:
     """One model: `covered` is the share of the sphere that its views cover; `again` says why it must be learned again.
 
-    `turned` is its other pose in which it looks most as before, None where it looks
-    different however it is turned.
+    `turned` is its other pose in which it looks most as before, None where it looks different however it is turned.
+    `lent` are the look-alikes, and shares of the sphere, that it is expected to look like where it was not learned.
     """
 
     name: str
@@ -57,6 +58,7 @@ class Alone:
     covered: float
     again: str
     turned: TurnedPose | None
+    lent: tuple[tuple[str, float], ...] = ()
 
 
 def why_again(model: AspectGraph, descriptor: Descriptor) -> str:
@@ -86,6 +88,10 @@ def alone(candidates: Candidates, which: int) -> Alone:
         covered=float(known @ cell_areas()),
         again="" if model.trials is not None else "it has no trials to learn the likelihood from",
         turned=TurnedPose.of(found[0]) if found else None,
+        lent=tuple(
+            (candidates.names[loan.lender], float(cell_areas()[loan.cells].sum()))
+            for loan in loans_to(candidates.predictions, which, model.spacing_rad)
+        ),
     )
 
 

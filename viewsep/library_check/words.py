@@ -38,14 +38,20 @@ def object_in_words(one: Alone) -> str:
     """What is to be known of a model alone; empty where all is well."""
     if one.again:
         return f"{one.name} must be learned again: {one.again}."
+    said = []
     if one.turned is not None and one.turned.alike:
         axis = _direction(np.array(one.turned.axis))
         angle = np.degrees(one.turned.angle_rad)
-        return (
+        said.append(
             f"{one.name} looks nearly the same turned by {angle:.0f} deg about {axis}: "
             f"a look tells {one.turned.bits:.2f} bits about which it is."
         )
-    return ""
+    said += [
+        f"{one.name} was not learned from {_percent(share)} of all sides where {other} was, and is expected to look "
+        "the same there: photos of those sides would tell whether it does."
+        for other, share in one.lent
+    ]
+    return " ".join(said)
 
 
 def worth_saying(pairs: Sequence[Pair], most: int = 10) -> list[Pair]:
