@@ -37,14 +37,15 @@ def loans_to(predictions: Predictions, k: int, spacing_rad: float) -> Iterator[L
     known = predictions.known(k, np.arange(CELLS))
     if cell_areas()[~known].sum() <= GAP:
         return
-    found = []
+    laid_over = []
     for other in predictions.resembling(k, ASKED)[:MOST]:
         for rotation in overlays(predictions, k, other)[:1]:
-            found.append((_likeness(predictions, k, other, rotation), other, rotation))
-    for likeness, other, rotation in sorted(found, key=lambda one: -one[0]):
+            laid_over.append((_likeness(predictions, k, other, rotation), other, rotation))
+    alike = [one for one in laid_over if one[0] >= ALIKE]
+    for _, other, rotation in sorted(alike, key=lambda one: -one[0]):
         at = cell_of(*(cell_directions() @ rotation.T).T)
         cells = np.flatnonzero(_wide(~known & predictions.known(other, at), STRIP * spacing_rad))
-        if likeness >= ALIKE and len(cells):
+        if len(cells):
             yield Loan(k, other, cells, at[cells])
             known[cells] = True
 
